@@ -1,7 +1,7 @@
 """Imports the packages before pytest does: in importlib mode it would take the folders of the same names for them.
 
-It also keeps ROS on this computer and second copies of state files out of the home, removes what killed nodes leave in
-memory, and lets Hypothesis take its time.
+It also keeps ROS on this computer and second copies of state files out of the home, lets SIGHUP end processes under
+nohup, too, removes what killed nodes leave in memory, and lets Hypothesis take its time.
 """
 
 import os
@@ -40,6 +40,10 @@ __all__ = [
 for _name in NETWORK_VARIABLES:
     os.environ.pop(_name, None)
 confine()
+
+# Tests send SIGHUP and wait for what it does; nohup has it ignored, in the processes that tests start, too.
+if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 #: How long an example takes depends on what else the machine does.
 settings.register_profile("any load", deadline=None, suppress_health_check=[HealthCheck.too_slow])
