@@ -301,13 +301,14 @@ def test_two_processes_do_not_move_files_into_a_folder_at_the_same_time(
     with subprocess.Popen(
         [sys.executable, "-c", WRITER, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
-        assert other.stdin is not None
-        assert other.stdout is not None
-        other.stdout.readline()
+        begin, ready = other.stdin, other.stdout
+        assert begin is not None
+        assert ready is not None
+        ready.readline()
 
         def slow(path: Path, target: Path) -> Path:
             if not waits:
-                other.stdin.close()  # type: ignore[union-attr]
+                begin.close()
             with pytest.raises(subprocess.TimeoutExpired):
                 other.wait(timeout=0.5)
             waits.append(path.name)

@@ -1,4 +1,4 @@
-"""Tables of soundings of a known bottom, and a check of what is read from them."""
+"""Tables of soundings of a known bottom, and a check of the soundings that are read from them."""
 
 from __future__ import annotations
 
