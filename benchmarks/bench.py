@@ -34,7 +34,7 @@ GROUPS = (
 PLANNERS = "planners"
 #: Modules of groups that are not named after them.
 MODULES = {
-    "mission": "mission_parts",
+    "mission": "mission_pairs",
     "day": "planning.day",
     "altitude": "navigation.altitude",
     "battery": "planning.battery",
@@ -75,7 +75,7 @@ def parser() -> argparse.ArgumentParser:
         "--new-baseline",
         metavar="REASON",
         default="",
-        help="group mission: write what it measures to benchmarks/mission_baseline.json, with the reason",
+        help="group mission: make this commit the baseline, in benchmarks/mission_baseline.json, with the reason",
     )
     p.add_argument("--lake", type=Path, metavar="FILE", help="a real lake for the group gp")
     add_options(p)

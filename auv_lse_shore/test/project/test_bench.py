@@ -7,7 +7,6 @@ import math
 import os
 import re
 import shutil
-import socket
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +19,7 @@ from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks import comms, gp, mission_parts, vehicle
+from benchmarks import comms, gp, mission_pairs, mission_parts, vehicle
 from benchmarks.command import end_with, parser_of
 from benchmarks.planning import areas, peer_environment
 from benchmarks.rows import KEYS
@@ -75,20 +74,14 @@ def test_the_mission_group_runs_at_its_smallest_size(tmp_path):
     check(json.loads(file.read_text()))
 
 
-def test_the_part_of_a_mission_that_grew_is_named(tmp_path):
-    loops = {"datagrams": 0.5, "arrays": 0.25, "interpreter": 0.4}
-    seconds = {"map": 4.0, "positions": 2.0, "planner": 9.0, "messages": 9.0, "simulator": 6.0, "recorder": 4.0,
-               "report": 7.0, "start and end": 6.0, "auv_lse --help": 0.2}  # fmt: skip
-    units = mission_parts.in_units(seconds, loops)
-    made = mission_parts.Baseline(reason="first", made_with="here", units=units, best_total=sum(units.values()))
-    made.write(tmp_path / "baseline.json")
-    baseline = mission_parts.Baseline.read(tmp_path / "baseline.json")
+def test_the_part_of_a_mission_that_grew_is_named():
+    before = {"map": 4.0, "positions": 2.0, "planner": 9.0, "messages": 9.0, "simulator": 6.0, "recorder": 4.0,
+              "report": 7.0, "start and end": 6.0, "auv_lse --help": 0.2}  # fmt: skip
 
-    def found(changed, loops=loops):
-        now = {**seconds, **changed}
-        rows = mission_parts.compared(baseline, now, mission_parts.in_units(now, loops))
+    def found(changed, of_fastest=1.0, pairs=1):
+        rows = mission_pairs.compared([({**before, **changed}, before)] * pairs, of_fastest)
         check(rows)
-        return mission_parts.complaints(rows)
+        return mission_pairs.complaints(rows)
 
     assert found({}) == []
     assert found({"planner": 1.14 * 9.0}) == []
@@ -97,35 +90,65 @@ def test_the_part_of_a_mission_that_grew_is_named(tmp_path):
     ]
     assert found({"auv_lse --help": 0.24}) == [], "a twentieth of a second is noise"
     assert [text.split()[0] for text in found({"planner": 18.0})] == ["planner", "whole"]
-    slower = {name: 2.0 * value for name, value in seconds.items()}
-    assert found(slower, {name: 2.0 * value for name, value in loops.items()}) == [], "a slower machine"
+    assert found({}, of_fastest=1.11) == [
+        "whole takes 1.11 times the processor time of the fastest baseline; allowed: <= 1.1"
+    ]
 
 
-def test_a_part_counts_as_in_its_median_flight():
-    def flight(seconds, loop):
-        return dict.fromkeys(mission_parts.PARTS, seconds), dict.fromkeys(mission_parts.LOOPS, loop)
-
-    disturbed, slow = flight(9.0, 0.5), flight(12.0, 0.4)  # one calibration, or one flight, beside other work
-    seconds, units = mission_parts.median_of([disturbed, slow, flight(8.0, 0.4)])
-    assert set(seconds.values()) == {8.0}
-    assert set(units.values()) == {20.0}
+def test_a_part_counts_by_its_median_pair():
+    """A slow minute slows both missions of a pair; other work beside one mission of three changes nothing."""
+    before = dict.fromkeys(mission_parts.PARTS, 4.0)
+    slow = dict.fromkeys(mission_parts.PARTS, 8.0)
+    rows = mission_pairs.compared([(before, before), (slow, slow), (slow, before)], 1.0)
+    assert {row["ratio"] for row in rows} == {1.0}
 
 
-def test_calibration_takes_no_datagram_of_others():
-    """As nodes of another ROS domain, which announce themselves on a hundred ports."""
-    one, other, stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3))
-    with one, other, stranger:
-        for end in (one, other):
-            end.bind(("127.0.0.1", 0))
-            end.settimeout(5.0)
-        stranger.sendto(b"RTPS", one.getsockname())
-        other.sendto(b"{}", one.getsockname())
-        assert mission_parts._received(one, other) == b"{}"
+def test_a_part_that_the_baseline_does_not_know_counts_in_the_whole():
+    before = {"map": 4.0, "planner": 6.0}
+    rows = mission_pairs.compared([({**dict.fromkeys(mission_parts.PARTS, 0.0), **before, "report": 3.0}, before)], 1.0)
+    assert {row["name"]: row["ratio"] for row in rows} == {
+        "mission: map": 1.0, "mission: planner": 1.0, "mission: whole": 1.3}  # fmt: skip
 
 
-def test_the_committed_baseline_has_each_part_and_a_reason():
-    baseline = mission_parts.Baseline.read()
-    assert (set(baseline.units), bool(baseline.reason)) == (set(mission_parts.PARTS), True)
+@pytest.fixture
+def clone(tmp_path, monkeypatch):
+    """A clone with a commit and a change that is not committed."""
+    folder = tmp_path / "clone"
+    monkeypatch.setattr(mission_pairs, "ROOT", folder)
+    folder.mkdir()
+    (folder / "code.py").write_text("1\n")
+    mission_pairs._git("init", "--quiet")
+    mission_pairs._git("add", "code.py")
+    mission_pairs._git("-c", "user.name=a", "-c", "user.email=a@b.c", "commit", "--quiet", "-m", "one")
+    (folder / "code.py").write_text("2\n")
+    return folder
+
+
+def test_the_baseline_has_a_checkout_of_its_own_that_is_used_again(clone, tmp_path):
+    commit = mission_pairs._git("rev-parse", "HEAD")
+    for _ in range(2):
+        folder = mission_pairs.checkout(commit, tmp_path / "build")
+        assert (folder / "code.py").read_text() == "1\n", "as committed"
+        (folder / "code.py").write_text("3\n")
+    assert [entry.name for entry in (tmp_path / "build").iterdir()] == [f"baseline-{commit[:8]}"]
+
+
+def test_a_baseline_that_the_clone_lacks_is_named_with_the_cure(clone, tmp_path):
+    with pytest.raises(RuntimeError, match=r"the baseline is commit 01234567, which is not here .*git fetch --unsh"):
+        mission_pairs.checkout("01234567" * 5, tmp_path / "build")
+    assert not (tmp_path / "build").exists()
+
+
+def test_a_new_baseline_is_a_commit(clone):
+    with pytest.raises(RuntimeError, match=r"has changes\. Commit them first"):
+        mission_pairs.run(new_baseline="faster")
+
+
+def test_the_committed_baseline_has_a_reason():
+    baseline = mission_pairs.Baseline.read()
+    assert re.fullmatch("[0-9a-f]{40}", baseline.commit)
+    assert baseline.reason
+    assert baseline.of_fastest >= 1.0
 
 
 def test_memory_counts_the_pages_of_this_process_alone_and_by_share():
