@@ -1,4 +1,4 @@
-"""The planning method that follows from a mission's goal, and from how much of the area its paths cover."""
+"""The planning method that follows from a mission's goal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 
-#: Least coverage at which the goal `line` flies `tour`, which then finds as much (docs/evidence/planner.md).
+#: Most legs of a vehicle that the method `line` plans; it cannot plan in stages.
+MAX_LINE_LEGS = 200
+#: Least coverage at which a longer mission with the goal `line` flies `tour`, which then finds as much by its end
+#: (docs/evidence/planner.md).
 TOUR_COVERAGE = 0.8
 
 
@@ -51,4 +54,5 @@ def _method(parameters: Mapping[str, Any]) -> str:
         motion, gp = section(MotionConfig, parameters, "motion", ""), section(GpConfig, parameters, "gp", "")
     except ParameterError:
         return "tour"
-    return "tour" if coverage(area_m2, mission, motion, gp) >= TOUR_COVERAGE else "line"
+    covered = coverage(area_m2, mission, motion, gp) >= TOUR_COVERAGE
+    return "tour" if covered and mission.steps > MAX_LINE_LEGS else "line"

@@ -40,12 +40,11 @@ def test_size_of_an_area_without_its_no_go_areas() -> None:
         ({}, "tour"),
         ({"mission.goal": "chart", "mission.vehicles": 1}, "tour"),
         ({"mission.goal": "line", "mission.vehicles": 1}, "line"),  # coverage .48
-        ({"mission.goal": "line"}, "tour"),  # 1.43
-        ({"mission.goal": "line", "mission.steps": 40}, "line"),  # .57
-        ({"mission.goal": "line", "mission.vehicles": 1, "area.polygon_m": QUARTER}, "tour"),  # 1.91
+        ({"mission.goal": "line"}, "line"),  # 1.43
+        ({"mission.goal": "line", "mission.steps": 200, "area.polygon_m": QUARTER}, "line"),  # 11.4
         ({"mission.goal": "line", "planner.method": "plain"}, "plain"),
-        ({"mission.goal": "line", "auv2.planner.own_share": 2.0, "auv2.gp.length_scale_m": 20.0}, "tour"),
-        ({"mission.goal": "line", "mission.steps": 500}, "tour"),  # more legs than `line` plans
+        ({"mission.goal": "line", "auv2.planner.own_share": 2.0, "auv2.gp.length_scale_m": 20.0}, "line"),
+        ({"mission.goal": "line", "mission.steps": 201}, "tour"),  # more legs than `line` plans; coverage 2.87
     ],
 )
 def test_the_method_follows_from_goal_team_and_area(values: dict[str, object], method: str) -> None:
@@ -57,10 +56,10 @@ def test_the_method_follows_from_goal_team_and_area(values: dict[str, object], m
 
 
 def test_the_method_follows_a_mission_that_changes_unless_it_was_given() -> None:
-    settings = Settings.load(None, {"mission.goal": "line"})
-    assert methods(settings.with_overrides({"mission.vehicles": 1})) == {"line"}
+    settings = Settings.load(None, {"mission.goal": "line", "mission.steps": 201})
+    assert methods(settings.with_overrides({"mission.steps": 100})) == {"line"}
     flown = Settings.from_patterns(settings.to_patterns(), "mission.yaml")  # a vehicle's file names the method
-    assert methods(flown.with_overrides({"mission.vehicles": 1})) == {"tour"}
+    assert methods(flown.with_overrides({"mission.steps": 100})) == {"tour"}
     given = Settings.load(None, {"mission.goal": "line", "planner.method": "line"})
     assert methods(given.with_overrides({"area.polygon_m": QUARTER})) == {"line"}
 

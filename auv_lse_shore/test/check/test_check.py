@@ -378,7 +378,7 @@ def test_the_recordings_size_is_estimated_and_the_vehicles_disk_is_checked(
 
 def test_the_goals_method_is_reported_beside_an_error_elsewhere(tmp_path, capsys):
     assert main([str(write(tmp_path, mission={"goal": "line"}, tdma={"slot_s": -1.0}))]) == 1
-    assert "mission.goal: line flies the method tour" in capsys.readouterr().out
+    assert "mission.goal: line flies the method line" in capsys.readouterr().out
     given = write(tmp_path, mission={"goal": "line"}, tdma={"slot_s": -1.0}, planner={"method": "plain"})
     assert main([str(given)]) == 1
     assert "because planner.method is set (plain)" in capsys.readouterr().out

@@ -17,10 +17,9 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from auv_lse_common.mission_file.goals import coverage
+from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, coverage
 from auv_lse_common.mission_file.operating_area import OperatingArea, free_m2
 from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_common.mission_file.sections.planner import MAX_LINE_LEGS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
@@ -443,7 +442,7 @@ def _coverage(settings: Settings) -> str:
             f"({2.0 * motion.turn_radius_m:g} m) add little. Use fewer steps or vehicles"
         )
     if settings.finds_method:
-        text += f". With this coverage, mission.goal: line flies the method {settings.common.planner.method}"
+        text += f". mission.goal: line flies the method {settings.common.planner.method}"
     elif mission.goal == "line":
         text += f". mission.goal: line does not choose the method, because planner.method is set ({', '.join(methods)})"
     return text

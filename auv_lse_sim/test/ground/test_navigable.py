@@ -239,13 +239,6 @@ def test_the_goal_chooses_the_method_of_the_shipped_mission():
     assert (Settings.load(shipped).vehicles[0].planner.method, short.vehicles[0].planner.method) == ("tour", "line")
 
 
-def test_the_method_of_the_goal_follows_from_the_navigable_area():
-    # 1885 m x 85 m / 250000 m2 = .64; half of it is land
-    asked = settings(**{"mission.goal": "line", "mission.vehicles": 1, "mission.steps": 80})
-    fitted, _ = fit_to_ground(asked, ground(lambda n, e: np.where(e < 250, 2.0, 25.0)))
-    assert (asked.vehicles[0].planner.method, fitted.vehicles[0].planner.method) == ("line", "tour")
-
-
 @pytest.mark.parametrize("name", SURVEY_FILES)
 def test_a_survey(tmp_path, name):
     write_survey(tmp_path)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
-from auv_lse_common.mission_file.goals import with_method
+from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, with_method
 from auv_lse_common.mission_file.methods import FAMILIES, METHODS, Family, MethodEntry
 from auv_lse_common.mission_file.parameters import ParameterError, parameter, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
@@ -27,8 +27,6 @@ else:
 
 #: Largest number of positions of a path that can be evaluated together; their covariance takes 0.5 GB.
 MAX_LOCATIONS = 8000
-#: Most legs of a vehicle that the method `line` plans; it cannot plan in stages.
-MAX_LINE_LEGS = 200
 
 
 def from_method(paper: Any, **options: Any) -> Any:
