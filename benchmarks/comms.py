@@ -56,17 +56,18 @@ SMOKE = Sizes(seconds=130, packets=5, teams=(2,))
 
 PLAN = Plan(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), naive_path=0xF1)
 NORTH_M, EAST_M = 700.0, 600.0
+SEED = 1
 
 
-def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1) -> tuple[Counter[str], float]:
+def traffic(vehicles: int, seconds: int, config: ChannelConfig) -> tuple[Counter[str], float]:
     """Bridges of a team over the channel; every vehicle has a plan and takes ten soundings a second.
 
     Returns:
         What became of each possible reception ("": read), and the processor time (s) of all bridges.
     """
     team = [ModemBridge(TdmaConfig(), PacketConfig(), a, vehicles, limits=LIMITS) for a in range(1, vehicles + 1)]
-    channel = Channel(config, stream(seed, "channel"))
-    places = stream(seed, "paths").uniform((0.0, 0.0), (NORTH_M, EAST_M), (vehicles, 2))
+    channel = Channel(config, stream(SEED, "channel"))
+    places = stream(SEED, "paths").uniform((0.0, 0.0), (NORTH_M, EAST_M), (vehicles, 2))
     positions: dict[int, Position] = {i + 1: (float(p[0]), float(p[1]), 3.0) for i, p in enumerate(places)}
     outcomes: Counter[str] = Counter()
     bridge_s = 0.0
@@ -91,9 +92,9 @@ def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1) -
     return outcomes, bridge_s
 
 
-def delivery_at_range(range_m: float, config: ChannelConfig, packets: int = 2000, seed: int = 1) -> float:
+def delivery_at_range(range_m: float, config: ChannelConfig, packets: int) -> float:
     """Share of packets decoded at a range without interference, by sending them."""
-    channel = Channel(config, stream(seed, "range", int(range_m)))
+    channel = Channel(config, stream(SEED, "range", int(range_m)))
     positions: dict[int, Position] = {1: (0.0, 0.0, 3.0), 2: (range_m, 0.0, 3.0)}
     read = 0
     for i in range(packets):

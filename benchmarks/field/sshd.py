@@ -166,11 +166,11 @@ class Field:
             with self.known_hosts.open("a") as file:
                 file.write(f"{name} {key}")
 
-    def trust(self, name: str, port: int, host: str = "127.0.0.1") -> None:
-        """Makes the laptop know a computer's host key at an address, as after a first login."""
+    def trust(self, name: str, port: int) -> None:
+        """Makes the laptop know a computer's host key at a port of this machine, as after a first login."""
         key = (self.folder / f"{name}.computer" / "host_key.pub").read_text()
         with self.known_hosts.open("a") as file:
-            file.write(f"[{host}]:{port} {key}")
+            file.write(f"[127.0.0.1]:{port} {key}")
 
     def fleet_file(self, vehicles: Mapping[str, Mapping[str, object]], name: str = "fleet.yaml") -> Path:
         """Writes a fleet file; values replace those of a vehicle's own computer.

@@ -78,9 +78,9 @@ def sawtooth(slope: float) -> Profile:
     return Profile(tuple(knots))
 
 
-def steps(height_m: float = 1.5) -> Profile:
-    """Three steps up of a height (m), 30 m apart, the first where the vehicle is 3 m above the ground."""
-    low_m, knots = DEPTH_M + ASKED_M, [(0.0, DEPTH_M + ASKED_M)]
+def steps() -> Profile:
+    """Three steps of 1.5 m up, 30 m apart, the first where the vehicle is 3 m above the ground."""
+    height_m, low_m, knots = 1.5, DEPTH_M + ASKED_M, [(0.0, DEPTH_M + ASKED_M)]
     for k in range(3):
         north_m = 100.0 + 30.0 * k
         knots += [(north_m, low_m - k * height_m), (north_m + 0.1, low_m - (k + 1) * height_m)]
@@ -110,7 +110,7 @@ def _parameters(seed: int) -> dict[str, Any]:
     }
 
 
-def direct(ground: Ground, length_m: float, seed: int = 1) -> Iterator[VehicleOutput]:
+def direct(ground: Ground, length_m: float, seed: int) -> Iterator[VehicleOutput]:
     """Travels north without an autopilot; yields each second's output."""
     values = {"mission.vehicles": 1, "sim.current.ideal": True, **_parameters(seed)}
     world = World.of(Settings.load(None, values), ground)
@@ -142,7 +142,7 @@ def late_altitudes() -> Callable[[float, Report], Report]:
     return delay
 
 
-def with_autopilot(ground: Ground, length_m: float, seed: int = 1) -> Iterator[VehicleOutput]:
+def with_autopilot(ground: Ground, length_m: float, seed: int) -> Iterator[VehicleOutput]:
     """Travels north with a simulated ArduSub; yields each second's output."""
     lone = LoneVehicle(ground, ORIGIN, _parameters(seed))
     lone.distort = late_altitudes()
@@ -158,7 +158,7 @@ def with_autopilot(ground: Ground, length_m: float, seed: int = 1) -> Iterator[V
             lone.leg(step, LEG_M)
 
 
-Flight = Callable[..., Iterator[VehicleOutput]]
+Flight = Callable[[Ground, float, int], Iterator[VehicleOutput]]
 FLIGHTS: dict[str, Flight] = {"direct": direct, "ArduSub": with_autopilot}
 
 
