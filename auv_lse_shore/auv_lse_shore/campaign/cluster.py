@@ -57,6 +57,7 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
                         dashboard_address="127.0.0.1:0",
                         memory_limit=0,
                         local_directory=scratch,
+                        env={"TMPDIR": scratch},  # workers are killed, and remove nothing
                         silence_logs=logging.CRITICAL,
                     )
                 )
@@ -76,12 +77,13 @@ def _clean_shutdown() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interrupts_postponed() -> Iterator[None]:
-    """Postpones Ctrl-C to the end of the context; threads and processes started in it never receive it.
+    """Postpones Ctrl-C to the end of the context; threads and processes started in it never receive it, nor SIGHUP.
 
-    A terminal sends Ctrl-C to every process. Workers would answer with a traceback, but this process ends them anyway.
+    A terminal sends both to every process. Workers would answer with a traceback, but this process ends them anyway.
     """
-    resource_tracker.ensure_running()  # would unblock the signal if the first worker started it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+    resource_tracker.ensure_running()  # would unblock Ctrl-C, which it ignores, if the first worker started it
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:

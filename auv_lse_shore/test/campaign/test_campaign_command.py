@@ -69,7 +69,7 @@ def test_a_scheduler_elsewhere_is_used(tmp_path, client):
     assert workers <= set(map(str, client.run(os.getpid).values()))
 
 
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     spec_file, out = tmp_path / "tiny.yaml", tmp_path / "out"
     spec_file.write_text(yaml.safe_dump({"set": TINY, "seeds": 6, "name": "test"}))
@@ -89,8 +89,8 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
             assert process.poll() is None, process.stderr.read()
             assert time.monotonic() < until, "no mission has ended within 300 s"
             time.sleep(0.05)
-        if sign == signal.SIGINT:
-            os.killpg(process.pid, sign)  # a terminal's Ctrl-C reaches the workers, too
+        if sign in (signal.SIGINT, signal.SIGHUP):
+            os.killpg(process.pid, sign)  # those of a terminal reach the workers, too
         else:
             process.send_signal(sign)
         _, errors = process.communicate(timeout=120)
@@ -98,9 +98,8 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
         process.kill()
     if sign != signal.SIGKILL:
         assert process.returncode == 128 + sign
-        assert not list(scratch.glob("auv_lse_dask_*")), "its workers' folder is gone"
-        assert "Run the same command again to continue" in errors
-        assert "Traceback" not in errors
+        assert not list(scratch.glob("auv_lse_*")), "what its workers left is gone"
+        assert errors == "stopped; finished missions are kept. Run the same command again to continue\n"
     spec = CampaignSpec.load(spec_file)
     rows = Rows(out, columns_of(spec))
     kept = {p: p.stat().st_mtime_ns for p in rows.folder.glob("*.parquet")}
