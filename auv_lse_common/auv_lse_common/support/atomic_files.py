@@ -8,6 +8,7 @@ import fcntl
 import os
 import shutil
 import signal
+import stat
 import sys
 import tempfile
 import threading
@@ -102,11 +103,23 @@ def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> Non
         if target.is_dir() and not target.is_symlink() and not path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder in place of a file; remove it", str(target))
     with _locked(folder, _WAIT_S), _signals_answered_later():
+        old = {path for pattern in obsolete for path in folder.glob(pattern) if path.name not in names}
+        _check_owners(folder, [*(folder / path.name for path in paths), *sorted(old)])
         for path in paths:
             path.replace(folder / path.name)
-        for old in {path for pattern in obsolete for path in folder.glob(pattern)}:
-            if old.name not in names:
-                old.unlink()
+        for path in old:
+            path.unlink()
+
+
+def _check_owners(folder: Path, paths: Sequence[Path]) -> None:
+    """Raises PermissionError for a file that only another user may replace, because the folder is shared as /tmp is."""
+    about, user = folder.stat(), os.geteuid()
+    if not about.st_mode & stat.S_ISVTX or user in (0, about.st_uid):
+        return
+    for path in paths:
+        with contextlib.suppress(FileNotFoundError):
+            if path.lstat().st_uid != user:
+                raise PermissionError(errno.EPERM, "belongs to another user; choose another folder", str(path))
 
 
 @contextlib.contextmanager

@@ -214,6 +214,8 @@ def test_a_file_that_cannot_be_written_is_named_before_the_work(tmp_path: Path) 
         check_file(tmp_path, "--csv")
     with pytest.raises(ValueError, match=r"--csv .*: there is no folder .*/no\. Create it"):
         check_file(tmp_path / "no" / "a.csv", "--csv")
+    with pytest.raises(ValueError, match=r"--csv no/a\.csv: there is no folder no\. Create it"):
+        check_file(Path("no/a.csv"), "--csv")
     (tmp_path / "link").symlink_to("/nosuch/a.csv")
     with pytest.raises(ValueError, match=r"--csv .*/link: there is no folder /nosuch\. Create it"):
         check_file(tmp_path / "link", "--csv")
@@ -266,6 +268,49 @@ def test_what_a_killed_command_left_is_removed_and_what_a_running_one_writes_is_
     assert running.returncode == 0
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [".auv_lse.part-aabbccdd", ".part-download", "mine", "text"]
+
+
+def test_what_another_process_has_just_made_and_not_yet_locked_stays(tmp_path: Path) -> None:
+    (tmp_path / ".auv_lse.part-00112233").mkdir()
+    write_whole(tmp_path / "text", "text")
+    assert (tmp_path / ".auv_lse.part-00112233").is_dir()
+
+
+def _write_as(user: int, folder: Path, monkeypatch: pytest.MonkeyPatch, obsolete: Collection[str] = ()) -> None:
+    monkeypatch.setattr(atomic_files.os, "geteuid", lambda: user)
+    _write_all(folder, "ab", obsolete)
+
+
+@pytest.mark.parametrize("name", ["b", "map_1"])
+def test_a_file_that_only_another_user_may_replace_is_named_before_anything_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """As in /tmp, where everybody may write."""
+    tmp_path.chmod(0o1777)
+    (tmp_path / name).write_text("old")
+    with pytest.raises(PermissionError, match="belongs to another user") as caught:
+        _write_as(54321, tmp_path, monkeypatch, {"map_*"})
+    assert caught.value.filename == str(tmp_path / name)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {name: "old"}
+
+
+@pytest.mark.parametrize(
+    ("mode", "user", "old"),
+    [
+        (0o1777, os.geteuid(), "b"),
+        (0o777, 54321, "b"),
+        (0o1777, 0, "b"),
+        (0o1777, 54321, "map_1"),
+        (0o1777, 54321, "c"),
+    ],
+)
+def test_files_of_others_that_may_be_replaced_or_are_not_in_the_way_stop_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, user: int, old: str
+) -> None:
+    tmp_path.chmod(mode)
+    (tmp_path / old).write_text("old")
+    _write_as(user, tmp_path, monkeypatch)
+    assert [(tmp_path / name).read_text() for name in "ab"] == ["new", "new"]
 
 
 def test_a_folder_is_written_whole_within_another_one_and_twice_in_one_process(tmp_path: Path) -> None:
