@@ -248,13 +248,14 @@ def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
     run = synthetic_run(steps=3)
     write_run(run, tmp_path / "run")
     other_bag(tmp_path / "run" / "bag", tmp_path / "other", plugin)
-    with pytest.raises(RecordingError, match=r"has no mission file .* Copy the mission's file to \S+/mission\.yaml\."):
-        read_run(tmp_path / "other")
+    (file,) = [f for f in (tmp_path / "other").iterdir() if f.suffix in (".mcap", ".db3")]
+    for path in (tmp_path / "other", file):
+        with pytest.raises(RecordingError, match=r"has no mission file .* Copy the mission's file to \S+/other/mis"):
+            read_run(path)
     back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
     assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
     assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
     assert back.sim_s == pytest.approx(run.sim_s), "times are the messages' own"
-    (file,) = [f for f in (tmp_path / "other").iterdir() if f.suffix in (".mcap", ".db3")]
     assert read_run(file, mission=tmp_path / "run" / "mission.yaml").steps == 3
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from planner_helpers import settings
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.methods.line import LOCATED
 from auv_lse_planner.methods.line_routes import route_along
-from auv_lse_planner.methods.method import Situation
+from auv_lse_planner.methods.method import PlanningContext, Situation
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, TourProblem
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.reward.line import LineLoss
+from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 LINE_NORTH_M = 70.0
@@ -106,8 +108,8 @@ def test_of_the_plans_that_the_budget_allows_the_one_whose_next_legs_score_most_
     assert all(own == pytest.approx(most, rel=1e-6) for _, own, most in decided)
 
 
-def test_on_flat_ground_where_all_plans_have_nearly_the_same_benefit_the_line_decides() -> None:
-    planner = planner_of(24)
+def on_flat_ground(planner: VehiclePlanner) -> tuple[Situation, PathReward, PlannedPath, PlannedPath]:
+    """A known isobath on flat ground; a path along it, and one away from it."""
     east = np.arange(0.0, 160.0, 12.0)
     sounded = np.concatenate([np.column_stack([np.full_like(east, north), east]) for north in (58.0, 82.0)])
     flat = 15.0 + 0.02 * (sounded[:, 0] - LINE_NORTH_M)
@@ -119,10 +121,29 @@ def test_on_flat_ground_where_all_plans_have_nearly_the_same_benefit_the_line_de
     problem = TourProblem(situation, method.map_reward(situation), NO_FLOOR, lambda: reward, None)
     lines = [[[LINE_NORTH_M, 140.0], [north, 360.0]] for north in (LINE_NORTH_M, LINE_NORTH_M + 60.0)]
     ahead, away = (method._candidates.along(problem, np.array(line)).path for line in lines)
+    return situation, reward, ahead, away
+
+
+def test_on_flat_ground_where_all_plans_have_nearly_the_same_benefit_the_line_decides() -> None:
+    planner = planner_of(24)
+    situation, reward, ahead, away = on_flat_ground(planner)
+    method = planner._method_of("line")
     benefits = [score_of(planner, situation, path)[0] for path in (ahead, away)]
     assert benefits[0] == pytest.approx(benefits[1], abs=0.05)
     scores = [method._next_legs(situation, path, lambda: reward) for path in (ahead, away)]
     assert scores[0] > scores[1] + 0.2
+
+
+def test_a_stretch_of_the_line_that_a_mate_will_locate_adds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    planner = planner_of(24)
+    situation, _, ahead, _ = on_flat_ground(planner)
+    method = planner._method_of("line")
+    alone_m = method._located_m(situation, ahead)
+    locations = planner._context.map_locations(ahead)
+    mate = np.repeat(np.arange(1.0, len(locations) + 1.0), locations.shape[1]), locations.reshape(-1, 2)
+    monkeypatch.setattr(PlanningContext, "mates_ahead", lambda self, situation: [mate])
+    assert alone_m > 200.0
+    assert 0.0 < method._located_m(replace(situation), ahead) < 0.2 * alone_m
 
 
 def test_a_route_follows_near_stretches_first_and_is_no_longer_than_it_may_be() -> None:

@@ -109,13 +109,14 @@ def test_the_estimated_isobath_is_the_mean_s_contour_where_the_ground_was_sounde
     axis = np.arange(0.5 * CELL_M, SIDE_M, CELL_M)
     nodes = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     points = CachedPoints(known, nodes)
-    density, slope, _ = CachedSlopes(points).on_level(points.current(), LEVEL_M, CELL_M**2, estimated=True)
+    density, slope, slope_std = CachedSlopes(points).on_level(points.current(), LEVEL_M, CELL_M**2, estimated=True)
     mean, variance = known.moments(nodes)
     (line,) = contourpy.contour_generator(axis, axis, mean.reshape(len(axis), -1)).lines(LEVEL_M)
     near = np.abs(mean - LEVEL_M) < 0.12 * CELL_M
     removed = 1.0 - float(variance[near].mean()) / known.kernel.signal_variance_m2
     length_m = np.hypot(*np.diff(line, axis=0).T).sum() + CELL_M  # half a cell beyond each end
     assert CELL_M**2 * float(density @ slope) == pytest.approx(length_m * removed, rel=0.03)
+    assert slope_std.max() < 0.2 * np.hypot(0.11, 0.04), "the mean has one slope in a cell"
 
 
 def test_no_isobath_is_estimated_where_nothing_was_sounded() -> None:

@@ -133,6 +133,26 @@ def test_a_first_signal_while_python_ends_prints_nothing(tmp_path: Path, number:
 
 
 @pytest.mark.parametrize("number", ENDS)
+def test_a_second_signal_while_the_word_is_printed_leaves_one_word(tmp_path: Path, number: signal.Signals) -> None:
+    """As on a slow terminal."""
+    text = "import os\nclass Slow:\n    def write(self, text):\n"
+    text += f"        os.kill(os.getpid(), {int(number)})\n        return sys.__stderr__.write(text)\n"
+    text += "    def flush(self):\n        pass\nsys.stderr = Slow()\n"
+    words = {signal.SIGINT: "interrupted\n"}.get(number, "")  # the others end it at once
+    assert answer(start(tmp_path, run_of(text + SLOW.format(""))), signal.SIGINT) == (130, "", words)
+
+
+@pytest.mark.parametrize("number", ENDS)
+def test_a_signal_that_the_parent_ignores_stays_ignored_while_python_ends(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    text = f"import atexit, os\natexit.register(os.kill, os.getpid(), {int(number)})\nreturn 3"
+    with start(tmp_path, run_of(text), prepare=lambda: signal.signal(number, signal.SIG_IGN)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (3, "", "")
+
+
+@pytest.mark.parametrize("number", ENDS)
 def test_a_signal_that_the_parent_ignores_stays_ignored(tmp_path: Path, number: signal.Signals) -> None:
     """As nohup ignores SIGHUP."""
     text = f"import signal\nsignal.raise_signal({int(number)})\nprint('a line')"

@@ -78,6 +78,19 @@ def test_numbers_that_python_reads_stay_numbers() -> None:
     assert parsed(parser, ["--whole", "-2"]).whole == -2
 
 
+@pytest.mark.parametrize(("option", "problem"), [("--whole", "a whole number"), ("--number", "a number")])
+def test_wrong_numbers_are_named_in_plain_words_by_verbs_within_a_verb(
+    option: str, problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outer = argparse.ArgumentParser()
+    inner = outer.add_subparsers().add_parser("inner")
+    inner.add_argument("--whole", type=int)
+    inner.add_argument("--number", type=float)
+    with pytest.raises(SystemExit, match="2"):
+        parsed(outer, ["inner", option, "x"])
+    assert f"'x' is not {problem}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "changes"),
     [

@@ -157,6 +157,16 @@ def test_long_recordings_are_moved_piece_by_piece(synthetic_run, monkeypatch):
         assert one.position_std_m == pytest.approx(other.position_std_m, rel=1e-9)
 
 
+def test_a_recording_without_odometry_is_adjusted_all_the_same(synthetic_run):
+    """As of a recorder that took only what adjusting needs."""
+    run = dived(synthetic_run)
+    none = [dataclasses.replace(v, odometry=v.odometry[:0], position_std_m=v.position_std_m[:0]) for v in run.vehicles]
+    bare = dataclasses.replace(run, vehicles=none)
+    for one, other in zip(adjust([bare]).runs[0].vehicles, adjust([run]).runs[0].vehicles, strict=True):
+        assert one.soundings.points_m == pytest.approx(other.soundings.points_m, rel=1e-12)
+        assert one.position_std_m.shape == (0, 2)
+
+
 def test_the_report_judges_the_adjusted_map(synthetic_run):
     run = dived(synthetic_run)
     assert corrects_positions(run)

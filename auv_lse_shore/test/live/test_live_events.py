@@ -320,18 +320,20 @@ def sounded(number, north_m, east_m):
 
 
 @pytest.mark.parametrize("is_published", [True, False])
-def test_a_line_that_soundings_only_lead_to_is_not_found_on_the_page_either(settings, is_published):
+@pytest.mark.parametrize("by_mate", [True, False])
+def test_a_line_that_soundings_only_lead_to_is_not_found_on_the_page_either(settings, is_published, by_mate):
     events, planner = MissionEvents(settings, maps_on_request=True), settings.planner_settings(1)
     depth_map = DepthMap(planner.gp, planner.level_set, OperatingArea(settings.area))
     rows = [(north_m, east_m, 0.0) for east_m in range(0, 161, 10) for north_m in range(40, 97, 3)]
     for number, (north_m, east_m, _) in enumerate(rows):
         message = sounded(number, north_m, east_m)
         depth_map.add_soundings([(2.0 * number, north_m, east_m, message.depth_m)])
-        if number < len(rows) // 2:
+        if not by_mate:
             events.take("/auv1/sounding", message)
         else:
             sample = ns(**{name: [getattr(message, name)] for name in ("north_m", "east_m", "depth_m")})
             events.take("/auv1/team/samples", ns(header=message.header, source=2, **vars(sample)))
+    events.take("/auv1/sounding", sounded(len(rows), np.nan, 0.0))
     field, signal_std_m = depth_map.field(), planner.gp.signal_std_m
     if is_published:
         layers = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
