@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import functools
 from collections.abc import Callable
 from pathlib import Path
@@ -38,8 +39,8 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         words = list(args or ())
-        if words[:1] and words[0] in _VERBS and words[1:2] and words[1] not in _VERBS:
-            words = [_FILE, *words]
+        if len(words) > 1 and words[1] not in _VERBS and difflib.get_close_matches(words[0], _VERBS):
+            words = [_FILE, *words]  # also before a misspelled verb, which is then the one that is named
         return super().parse_known_args(words, namespace)
 
 

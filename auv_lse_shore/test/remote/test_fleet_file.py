@@ -30,3 +30,14 @@ def test_the_fleet_file_may_be_left_out(
     assert Path("check").is_file()
     assert main(["fleet", "check", "abort", "auv3"]) == 2
     assert "auv3 is not in check" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "wrong"), [("abrt auv2", "abrt"), ("fleet.yaml abrt auv2", "abrt"), ("lake.yaml auv2", "auv2")]
+)
+def test_a_misspelled_verb_is_named_and_not_the_vehicle(
+    words: str, wrong: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["fleet", *words.split()])
+    assert f"argument VERB: invalid choice: '{wrong}'" in capsys.readouterr().err
