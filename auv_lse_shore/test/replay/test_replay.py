@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import re
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from verb_main import verb_main
 
 from auv_lse_record.recording import RecordedTopic, Recording, recording_in
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.replay.keys import meanings
+from auv_lse_shore.replay.keys import Keys, meanings
 from auv_lse_shore.replay.pace import Pace, is_command, last_of_each, select_topics
 
 main = verb_main("replay")
@@ -147,6 +148,16 @@ def test_the_report_is_made_anew_from_the_recording(tmp_path: Path, synthetic_ru
     write_run(run, tmp_path / "at sea")
     assert main([str(tmp_path / "at sea" / "bag"), "--report", "--out", str(tmp_path / "page")]) == 0
     assert json.loads((tmp_path / "page" / "summary.json").read_text())["f1"] is None, "no truth: none is made up"
+
+
+def test_a_terminal_that_is_closed_meanwhile_is_not_restored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As at the end of an SSH session: SIGHUP ends the replay, with its exit code."""
+    outside, inside = pty.openpty()
+    with os.fdopen(inside) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with Keys() as keys:
+            assert keys.available
+            os.close(outside)
 
 
 class Pressed:
