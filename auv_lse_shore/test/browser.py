@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import json
 import shutil
 import subprocess
@@ -86,6 +87,8 @@ class Browser:
         """Ends the browser."""
         self.call("Browser.close")
         self._loop.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(5)  # it removes its temporary folder
         self._end()
 
     def _end(self) -> None:

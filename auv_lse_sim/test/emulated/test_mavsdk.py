@@ -7,9 +7,11 @@ import asyncio
 import contextlib
 import importlib.util
 import math
+import os
 import re
 import socket
 import subprocess
+import tempfile
 import threading
 import time
 import warnings
@@ -41,17 +43,19 @@ def mavsdk_server(url: str, *options: str):
         probe.bind(("127.0.0.1", 0))
         grpc_port = probe.getsockname()[1]
     command = [str(binary), "-p", str(grpc_port), *options, url]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    said: list[str] = []
-    reader = threading.Thread(target=lambda: said.extend(server.stdout), daemon=True)
-    reader.start()
-    try:
-        yield grpc_port, said
-    finally:
-        server.kill()
-        server.wait()
-        reader.join(5.0)
-        server.stdout.close()
+    with tempfile.TemporaryDirectory() as folder:  # it is killed, and removes none of its folders
+        environment = {**os.environ, "TMPDIR": folder}
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+        said: list[str] = []
+        reader = threading.Thread(target=lambda: said.extend(server.stdout), daemon=True)
+        reader.start()
+        try:
+            yield grpc_port, said
+        finally:
+            server.kill()
+            server.wait()
+            reader.join(5.0)
+            server.stdout.close()
 
 
 class Sea(threading.Thread):
