@@ -154,7 +154,7 @@ def _folder(out: Path | None) -> Iterator[Path]:
     keep = False
     try:
         yield temporary / "faults"
-    except (OSError, RuntimeError, ValueError):
+    except Exception:
         keep = (temporary / "faults").exists()
         if keep:
             print(f"logs, journals and recordings are kept in {temporary / 'faults'}", file=sys.stderr)

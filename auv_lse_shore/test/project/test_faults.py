@@ -1,5 +1,6 @@
 """`auv_lse faults`: a row for each kind, also for one that breaks; the day's schedule, and what counts as lost."""
 
+import contextlib
 import math
 import shutil
 from itertools import pairwise
@@ -82,6 +83,23 @@ def test_ctrl_c_prints_what_there_is(kinds, capsys):
     assert "| disk | 20 | 20 | - | nothing |" in out
     assert "| kills | 0 | 0 | - | interrupted |" in out
     assert last.seen == []
+
+
+@pytest.mark.parametrize(
+    ("error", "kept"),
+    [(ValueError(), True), (KeyError("a bug"), True), (AssertionError(), True), (KeyboardInterrupt(), False)],
+)
+def test_logs_are_kept_after_any_error_and_not_after_ctrl_c(kinds, capsys, tmp_path, monkeypatch, error, kept):
+    def run(options, folder, say):
+        folder.mkdir()
+        raise error
+
+    monkeypatch.setattr(faults.tempfile, "tempdir", str(tmp_path))
+    kinds(disk=SimpleNamespace(arguments=lambda parser: None, run=run))
+    with contextlib.suppress(KeyError, AssertionError):
+        main(["disk"])
+    assert [path.name for path in tmp_path.glob("*/*")] == ["faults"] * kept
+    assert ("logs, journals and recordings are kept in" in capsys.readouterr().err) == kept
 
 
 def test_an_output_folder_that_exists_is_a_wrong_command_line(kinds, capsys, tmp_path):
