@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import signal
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
@@ -37,6 +38,12 @@ def appended(path: Path) -> TextIO:
     return path.open("a")
 
 
+def _begin(scratch: str) -> None:
+    """In a process of the pool: Ctrl-C ends it without a word; what it leaves is in `scratch`."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    tempfile.tempdir = scratch
+
+
 def fly(
     mission: Callable[..., dict[str, Any]], jobs: Iterable[tuple[Any, ...]], path: Path, processes: int
 ) -> Iterator[dict[str, Any]]:
@@ -44,8 +51,11 @@ def fly(
 
     A signal to end ends those under way without a word; the lines of the others stay.
     """
-    quiet = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    with appended(path) as file, ProcessPoolExecutor(processes, initializer=quiet) as pool:
+    with (
+        tempfile.TemporaryDirectory(prefix="auv_lse_flights_") as scratch,
+        appended(path) as file,
+        ProcessPoolExecutor(processes, initializer=partial(_begin, scratch)) as pool,
+    ):
         others, workers = multiprocessing.active_children(), list[BaseProcess]()
         try:
             futures = [pool.submit(mission, *job) for job in jobs]

@@ -425,16 +425,20 @@ def test_a_changed_planner_or_ground_is_flown_again_and_nothing_twice(tmp_path: 
 def test_a_signal_to_the_command_alone_does_not_wait_for_missions_under_way(tmp_path: Path) -> None:
     """SIGTERM reaches the command only; Ctrl-C and a closed terminal reach its processes, too."""
     (tmp_path / "command.py").write_text(
-        "import pathlib, time\nfrom benchmarks import results_file\nif __name__ == '__main__':\n"
-        "    for _ in results_file.fly(time.sleep, [(0.0,), (60.0,), (60.0,)], pathlib.Path('rows.jsonl'), 2):\n"
+        "import pathlib, tempfile, time\nfrom benchmarks import results_file\ndef flight(lasts_s):\n"
+        "    with tempfile.TemporaryDirectory():\n        time.sleep(lasts_s)\nif __name__ == '__main__':\n"
+        "    for _ in results_file.fly(flight, [(0.5,), (60.0,), (60.0,)], pathlib.Path('rows.jsonl'), 2):\n"
         "        raise KeyboardInterrupt\n"
     )
+    (tmp_path / "scratch").mkdir()
     root = str(Path(results_file.__file__).parents[1])
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+    path = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "TMPDIR": str(tmp_path / "scratch")}
     command = [sys.executable, "command.py"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=30)
     assert done.stderr.splitlines()[-1] == "KeyboardInterrupt"
     assert (tmp_path / "rows.jsonl").read_text() == "null\n"
+    assert list((tmp_path / "scratch").iterdir()) == []
 
 
 def test_a_command_with_nothing_to_fly_or_a_damaged_results_file_is_refused(tmp_path: Path) -> None:
