@@ -23,7 +23,7 @@ from auv_lse_shore.remote.fleet_file import RemoteVehicle
 #: Time (s) to connect, between signs of life, and number of missing ones after which a link is dead.
 _CONNECT_S, _ALIVE_S, _ALIVE_COUNT = 10, 5, 3
 #: Time (s) for the hello: a small computer imports Python packages for seconds.
-HELLO_S = 60.0
+_HELLO_S = 60.0
 #: Lines before the hello: what a login shell prints.
 _MAX_PREAMBLE = 200
 _END_S = 2.0
@@ -44,14 +44,14 @@ class RemoteSession:
         self._stream, self._errors, self._vehicle, self._process = stream, errors, vehicle, process
         self.version = ""
 
-    def greet(self, wait_s: float) -> None:
+    def greet(self) -> None:
         """Waits for the vehicle's hello, over what its shell prints before.
 
         Raises:
             LinkError, VehicleError: if there is none.
         """
         for _ in range(_MAX_PREAMBLE):
-            line = self._line(wait_s)
+            line = self._line(_HELLO_S)
             with contextlib.suppress(WireError):
                 hello = decoded(line)
                 if "hello" in hello:
@@ -164,14 +164,11 @@ def ssh_command(vehicle: RemoteVehicle, ssh_config: Path | None) -> list[str]:
 
 
 @contextlib.contextmanager
-def session(
-    vehicle: RemoteVehicle, ssh_config: Path | None = None, hello_s: float = HELLO_S
-) -> Iterator[RemoteSession]:
+def session(vehicle: RemoteVehicle, ssh_config: Path | None = None) -> Iterator[RemoteSession]:
     """A context with a session; ssh ends with it.
 
     Args:
         ssh_config: SSH's configuration; None: its default.
-        hello_s: Longest wait for the hello.
 
     Raises:
         LinkError: if the vehicle cannot be reached.
@@ -195,7 +192,7 @@ def session(
         try:
             stream = Stream(process.stdout.fileno(), process.stdin.fileno())
             found = RemoteSession(stream, errors, vehicle, process)
-            found.greet(hello_s)
+            found.greet()
             yield found
         finally:
             with contextlib.suppress(OSError):
