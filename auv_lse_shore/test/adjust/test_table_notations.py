@@ -1,0 +1,63 @@
+"""Positions and dates of tables whose parts cannot be what they seem, or say the same twice."""
+
+from __future__ import annotations
+
+import codecs
+
+import pytest
+from adjust.survey_logs import START_S
+from adjust.tables import checked, gathered, lines, utc
+
+from auv_lse_shore.survey_import.parsing.times import days
+from auv_lse_shore.survey_import.survey_log import LogError
+
+
+def test_more_than_60_minutes_are_no_position(tmp_path):
+    def row(t, a, o, d):
+        minutes = 60.0 * (a % 1.0)
+        return f"46,{minutes + 40.0 if t > START_S + 99 else minutes:.6f},{o:.8f},{d:.3f},{utc(t)}"
+
+    found = gathered(tmp_path, lines("lat,lat_min,lon,depth,utc", row))
+    assert found.placed[0].left_out["positions that are no numbers"] == 20
+    checked(found, count=100)
+
+
+def test_degrees_and_minutes_in_one_number_have_less_than_60_minutes(tmp_path):
+    def row(t, a, o, d):
+        bad = t > START_S + 109
+        return (
+            f"{4600.0 + 60.0 * (a % 1.0) + (40.0 if bad else 0.0):.6f},{600.0 + 60.0 * (o % 1.0):.6f},{d:.3f},{utc(t)}"
+        )
+
+    found = gathered(tmp_path, lines("lat,lon,depth,utc", row))
+    assert found.placed[0].left_out["positions that are no numbers"] == 10
+    checked(found, count=110)
+
+
+def test_numbers_with_more_than_60_minutes_are_no_degrees_and_minutes(tmp_path):
+    data = lines(
+        "lat,lon,depth,utc", lambda t, a, o, d: f"{4660.0 + 60.0 * (a % 1.0):.6f},{670.0 + o:.6f},{d:.3f},{utc(t)}"
+    )
+    with pytest.raises(LogError, match=r"latitudes such as 46.* are no degrees"):
+        gathered(tmp_path, data)
+
+
+def test_a_sign_beside_a_hemisphere_counts_once(tmp_path):
+    rows = lines("lat,lat_dir,lon,lon_dir,depth,utc", lambda t, a, o, d: f"-{a:.8f},S,{o:.8f},E,{d:.3f},{utc(t)}")
+    found = gathered(tmp_path, rows, "--origin", "-46.5", "6.6")
+    assert found.placed[0].soundings[:, 1].mean() == pytest.approx(0.0, abs=1000.0)
+    assert len(found.placed[0].soundings) == 120
+
+
+@pytest.mark.parametrize(
+    ("text", "same"), [("14-Jun-85", "1985-06-14"), ("14-Jun-25", "2025-06-14"), ("1 Jan 80", "1980-01-01")]
+)
+def test_a_year_of_two_digits_is_one_of_1980_to_2079(text, same):
+    assert days([text], None)[0] == pytest.approx(days([same], None)[0])
+
+
+def test_a_byte_order_mark_before_a_file_of_another_program_is_none(tmp_path):
+    with pytest.raises(LogError, match="is XML or a web page"):
+        gathered(
+            tmp_path, codecs.BOM_UTF8 + b"<?xml version='1.0'?>\n<survey lat,lon,depth>\n1,2,3\n4,5,6\n</survey>\n"
+        )
