@@ -119,6 +119,7 @@ def simulator_domain(wanted: str | None) -> Iterator[int]:
         )
     with _locked(lock_file(domain)) as mine:
         if not mine:
+            _refuse_left_over(lock_file(domain))
             raise DomainError(f"ROS domain {domain} is in use by {user_of(domain)}. {_CHOOSE}")
         if has_participants(domain):
             raise DomainError(
@@ -157,6 +158,7 @@ def vehicle_domain(domain: int, vehicle: int, simulated: bool) -> Iterator[int]:
         )
     with _locked(lock_file(domain, vehicle)) as mine:
         if not mine:
+            _refuse_left_over(lock_file(domain, vehicle))
             raise DomainError(
                 f"ROS domain {domain} already has the nodes of auv{vehicle} ({user_of(domain, vehicle)}). End "
                 "them, or use another domain"
@@ -196,20 +198,31 @@ def check_own(domain: int) -> None:
     Raises:
         DomainError: naming the user and the simulation.
     """
+    if owner := _other_owner(lock_file(domain)):
+        raise DomainError(
+            f"The only mission on this machine is {user_of(domain)}, started by {owner} (ROS domain {domain}). To "
+            f"command it: --domain {domain}"
+        )
+
+
+def _other_owner(path: Path) -> str:
+    """The user who owns a file; "" if this one does, or there is none."""
     try:
-        uid = lock_file(domain).stat().st_uid
+        uid = path.stat().st_uid
     except OSError:
-        return
+        return ""
     if uid == os.geteuid():
-        return
+        return ""
     try:
-        owner = pwd.getpwuid(uid).pw_name
+        return pwd.getpwuid(uid).pw_name
     except KeyError:
-        owner = f"user {uid}"
-    raise DomainError(
-        f"The only mission on this machine is {user_of(domain)}, started by {owner} (ROS domain {domain}). To command "
-        f"it: --domain {domain}"
-    )
+        return f"user {uid}"
+
+
+def _refuse_left_over(path: Path) -> None:
+    """Raises DomainError for a lock file that a killed process left and this user can neither lock nor remove."""
+    if (owner := _other_owner(path)) and not _is_held(path):
+        raise DomainError(f"{path} is left over from a process of {owner} that has ended. Remove it: sudo rm {path}")
 
 
 def has_participants(domain: int) -> bool:

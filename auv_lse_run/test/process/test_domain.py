@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 
@@ -224,3 +224,39 @@ def test_notes_of_a_killed_mission_name_no_later_user_of_its_domain(tmp_path: Pa
                 assert user_of(number, 1) == "another mission"
     finally:
         lock_file(number, 1).unlink(missing_ok=True)
+
+
+def _as_another_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    open_file = Path.open
+
+    def refused(path: Path, mode: str = "r", *others: Any, **more: Any) -> IO[Any]:
+        if mode == "a" and path.exists():
+            raise PermissionError(13, "Permission denied", str(path))
+        return open_file(path, mode, *others, **more)
+
+    monkeypatch.setattr(domain.os, "geteuid", lambda: 54321)
+    monkeypatch.setattr(Path, "open", refused)
+
+
+def test_a_lock_file_that_another_user_s_killed_process_left_is_named_with_the_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """This user can neither lock nor remove it: to end a mission of its note helps nobody."""
+    for number, vehicle in ((5, 0), (81, 1)):
+        note_run(number, tmp_path, "auv1-1123-184534-3f2a", vehicle)
+    _as_another_user(monkeypatch)
+    left = r"{0} is left over from a process of \w+ that has ended\. Remove it: sudo rm {0}"
+    with pytest.raises(DomainError, match=left.format(lock_file(81, 1))), vehicle_domain(81, 1, simulated=False):
+        pass
+    with pytest.raises(DomainError, match=left.format(lock_file(5))), simulator_domain("5"):
+        pass
+    with simulator_domain(None) as number:
+        assert number != 5, "a free one is taken"
+
+
+def test_a_lock_that_another_user_holds_names_the_mission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with own_domain() as number:
+        note_run(number, tmp_path, "sim-1123-184534-3f2a")
+        _as_another_user(monkeypatch)
+        with pytest.raises(DomainError, match="is in use by sim-1123-184534-3f2a"), simulator_domain(str(number)):
+            pass
