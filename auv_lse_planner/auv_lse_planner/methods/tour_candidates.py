@@ -94,9 +94,9 @@ class TourProblem:
         """North and east of the state, shape (1, 2)."""
         return np.asarray(self.situation.state, dtype=float)[None, 1:]
 
-    def plan(self, actions: Actions | NDArray[np.int64], naive_path: int = NONE, tour: Tour | None = None) -> Plan:
+    def plan(self, actions: Actions | NDArray[np.int64], tour: Tour | None = None) -> Plan:
         """A plan from the state."""
-        return Plan.at(self.situation.step, self.situation.state, tuple(int(a) for a in actions), naive_path, tour)
+        return Plan.at(self.situation.step, self.situation.state, tuple(int(a) for a in actions), NONE, tour)
 
 
 @dataclass(slots=True)

@@ -14,6 +14,9 @@ Approximation: the slope's two components on f = l get one common standard devia
 distribution with density r / c^2 exp(-(r^2 + n^2) / 2 c^2) I_0(r n / c^2), n the length of the mean slope. The partial
 mean is integrated once per decision at `NODES` values of s and interpolated by cubic Hermite polynomials with the exact
 derivatives. Tests compare it with contours of draws from the posterior.
+
+`of_estimate` gives R of the *estimated* isobath, the mean's contour: A N(l; m, b^2) in place of the density, the slope
+of the mean in place of the expected one, each cell weighted by the share of the prior's variance that the data removed.
 """
 
 from __future__ import annotations
@@ -110,7 +113,7 @@ class LineLoss:
         self._slopes: WeakKeyDictionary[CachedPoints, CachedSlopes] = WeakKeyDictionary()
 
     def of_estimate(self) -> LineLoss:
-        """The same for the mean's isobath; see the module's text. Both share what they cache."""
+        """The same for the estimated isobath. Both share what they cache."""
         other = copy.copy(self)
         other._estimated = True
         return other

@@ -50,12 +50,12 @@ def simulate_and_evaluate(patterns: Mapping[str, Mapping[str, Any]], where: str,
         return evaluate(simulate(patterns, where, Path(folder)), bounds)
 
 
-def mission_row(job: Job, bounds: int = BOUNDS) -> dict[str, Any]:
+def mission_row(job: Job) -> dict[str, Any]:
     """Simulates and evaluates one mission; its result row. An error becomes part of the row."""
     began = time.perf_counter()
     row = row_head(job)
     try:
-        evaluation = simulate_and_evaluate(job.patterns, f"mission {job.id}", bounds)
+        evaluation = simulate_and_evaluate(job.patterns, f"mission {job.id}", BOUNDS)
         row.update(_results(evaluation))
         row["status"] = "ok"
         row["error"] = "; ".join(evaluation.run.notes) or None

@@ -61,13 +61,13 @@ def proportion(flags: Sequence[bool | None]) -> str:
     return f"{sum(known) / len(known):.2f} ({limits.low:.2f} to {limits.high:.2f})"
 
 
-def interval(values: Sequence[float | None], confidence: float = 0.95) -> Interval:
-    """Mean and confidence interval of values; None and NaN are left out."""
+def interval(values: Sequence[float | None]) -> Interval:
+    """Mean and 95 % confidence interval of values; None and NaN are left out."""
     known = [v for v in values if v is not None and math.isfinite(v)]
     mean = float(np.mean(known)) if known else math.nan
     low, high = math.nan, math.nan
     if len(known) > 1:
-        half = float(stats.t.ppf(0.5 + confidence / 2.0, len(known) - 1) * stats.sem(known))
+        half = float(stats.t.ppf(0.975, len(known) - 1) * stats.sem(known))
         low, high = mean - half, mean + half
     return Interval(mean=mean, low=low, high=high, count=len(known))
 

@@ -419,7 +419,7 @@ def test_a_changed_planner_or_ground_is_flown_again_and_nothing_twice(tmp_path: 
     (tmp_path / "own.py").write_text(text.replace("60.0", "-60.0"))
     assert len(flown_lines(tmp_path)) == 2
     assert len(flown_lines(tmp_path, seed=2)) == 3
-    assert (tmp_path / "page.md").read_text().splitlines()[2].startswith("1 missions over 1 grounds")
+    assert (tmp_path / "page.md").read_text().splitlines()[2].startswith("1 mission over 1 ground for")
 
 
 def test_a_signal_to_the_command_alone_does_not_wait_for_missions_under_way(tmp_path: Path) -> None:

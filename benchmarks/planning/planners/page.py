@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_shore.campaign.statistics import interval
 from benchmarks.planning.planners.options import HINDSIGHT
 
@@ -75,7 +76,8 @@ def _preface(lines: Sequence[Row]) -> list[str]:
     roles = sorted({line["role"] for line in lines})
     grounds = sorted({line["ground"] for line in lines})
     return [
-        f"{len(lines)} missions over {len(grounds)} grounds for {', '.join(roles)}: {', '.join(grounds)}. "
+        f"{counted(len(lines), 'mission')} over {counted(len(grounds), 'ground')} for {', '.join(roles)}: "
+        f"{', '.join(grounds)}. "
         f"{SIMULATIONS[lines[0]['simulation']]} Distances are shares of the mission's legs; a "
         "mission that never gets there counts as 1. *False claims*: share of the line called found that is more "
         f"than 20 m off. *Misses {MISSED_M:.0f} m*: share of missions that miss a connected piece longer than this; "
