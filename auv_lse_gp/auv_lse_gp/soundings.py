@@ -2,7 +2,8 @@
 
 A table has a header and rows with fields separated by comma, semicolon, tab or blanks. Lines that begin with # and
 columns with other names are ignored. Positions are in metres (north_m, east_m, or northing, easting), in degrees (lat,
-lon), or both. Depths are depth_m, positive down, or elevation_m, positive up.
+lon), or both. Depths are depth_m, positive down, or elevation_m, positive up. A column of units, such as depth_unit,
+counts for depths whose name has none.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES, MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
+from auv_lse_gp.length_units import is_unit_name, stated_units, unit_column
 from auv_lse_gp.no_data import fill_values, is_no_data
 
 Array = NDArray[np.float64]
@@ -63,7 +65,7 @@ class SoundingsError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SoundingsTable:
-    """The columns of a table of soundings, unchanged. All arrays have shape (n,).
+    """The columns of a table of soundings; depths are converted to metres. All arrays have shape (n,).
 
     Attributes:
         lines: Line number of each sounding.
@@ -275,7 +277,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     header = [name.lower() for name in _fields(header_text, separator, f"{path}:{header_line}")]
     indices = _columns(header, f"{path}:{header_line}")
     values: dict[str, list[float]] = {key: [] for key in indices}
-    vehicle, vehicles = header.index("vehicle") if "vehicle" in header else None, []
+    texts: dict[int, list[str]] = {i: [] for i, name in enumerate(header) if name == "vehicle" or is_unit_name(name)}
     for number, line in rows[1:]:
         fields = _fields(line, separator, f"{path}:{number}")
         if len(fields) != len(header):
@@ -291,13 +293,15 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
                     f"{path}:{number}: {header[index]}",
                 )
             )
-        if vehicle is not None:
-            vehicles.append(fields[vehicle].strip())
+        for index, found in texts.items():
+            found.append(fields[index])
     arrays = {key: np.array(found) for key, found in values.items()}
     lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
     depth_name = header[indices["depth"]]
     upward = depth_name not in _DEPTH
     _check_marks(arrays["depth"], lines, f"{path}:", depth_name)
+    arrays["depth"] *= _stated_units(path, header, indices, texts, lines)
+    vehicles = texts.get(header.index("vehicle")) if "vehicle" in header else None
     return SoundingsTable(
         path=path,
         lines=lines,
@@ -309,12 +313,37 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         lat_deg=arrays.get("lat"),
         lon_deg=arrays.get("lon"),
         time_s=arrays.get("time"),
-        vehicles=None if vehicle is None else np.array(vehicles),
+        vehicles=None if vehicles is None else np.array(vehicles),
         position_std_m=None
         if "north_std" not in arrays
         else np.column_stack([arrays["north_std"], arrays["east_std"]]),
         tvu_m=arrays.get("tvu"),
     )
+
+
+def _stated_units(
+    path: Path, header: list[str], indices: dict[str, int], texts: dict[int, list[str]], lines: NDArray[np.int64]
+) -> Array | float:
+    """Metres per unit of each depth (n,), or of all of them, as a column of units states them.
+
+    Raises:
+        SoundingsError: if one is not understood, or may be the unit of another column.
+    """
+    names = {i: header[i] for i in texts if is_unit_name(header[i])}
+    depth, without_unit = indices["depth"], {i for key, i in indices.items() if key != "depth"}
+    column = None if header[depth].endswith("_m") else unit_column(names, depth, without_unit)
+    stated = None if column is None else stated_units(texts[column.number], column)
+    if column is None or stated is None:
+        return 1.0
+    name, cells = header[column.number], texts[column.number]
+    cure = "Convert the depths to metres, and name their column depth_m"
+    for i in np.flatnonzero(np.isnan(stated))[:1]:
+        why = f"{cells[i][:20]!r}, which is no unit of depths" if cells[i] else "empty, but not on every line"
+        raise SoundingsError(f"{path}:{lines[i]}: {name} is {why}. {cure}")
+    for i in np.flatnonzero(stated != 1.0)[: not column.is_clear]:
+        what = f"the column {name}, with {cells[i][:20]!r}, may state the unit of another column than {header[depth]}"
+        raise SoundingsError(f"{path}: {what}. {cure}")
+    return stated
 
 
 def _check_marks(values: Array, lines: NDArray[np.int64], where: str, name: str) -> None:

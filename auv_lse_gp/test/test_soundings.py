@@ -168,3 +168,61 @@ def test_uncertainties_may_be_empty_but_not_wrong(tmp_path):
         path.write_text(f"east_m,north_m,depth_m,tvu_m\n0,0,5,{wrong}\n9,0,5,0.6\n")
         with pytest.raises(SoundingsError, match=r"soundings.csv:2: tvu_m is .*. Write a number of at least 0"):
             read_table(path)
+
+
+HEADER = "north_m,east_m"
+
+
+@pytest.mark.parametrize(
+    "names", ["depth,unit", "depth,depth_unit", "depth,UOM", "unit,depth", "depth,temp,Depth Unit"]
+)
+def test_a_column_of_units_counts(tmp_path, names):
+    path = tmp_path / "s.csv"
+    columns = names.split(",")
+    row = ",".join({"depth": "30", "temp": "17.5"}.get(name, "ft") for name in columns)
+    path.write_text(f"{HEADER},{names}\n1,2,{row}\n2,3,{row}\n")
+    assert read_soundings(path)[:, 2] == pytest.approx([9.144, 9.144])
+
+
+def test_each_row_has_its_own_unit(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(f"{HEADER},elevation,units\n1,2,-30,ft\n2,3,-5,Fathoms\n2,3,-5,m\n")
+    assert read_soundings(path)[:, 2] == pytest.approx([9.144, 9.144, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("names", "row"),
+    [
+        ("depth,temp,unit", "3,17.5,C"),  # of the temperature
+        ("depth,unit", "3,alpha"),  # a ship's
+        ("depth,unit", "3,in"),  # in or out
+        ("depth_m,unit", "3,ft"),  # the header is plainer
+        ("depth,unit,temp,unit", "3,m,17.5,C"),
+        ("depth,unit", "3,"),
+        ("depth,depth_unit", "3,n/a"),
+        ("depth,depth_unit", "3,metri"),
+    ],
+)
+def test_a_column_of_other_units_changes_no_depth(tmp_path, names, row):
+    path = tmp_path / "s.csv"
+    path.write_text(f"{HEADER},{names}\n1,2,{row}\n2,3,{row}\n")
+    assert read_soundings(path)[:, 2].tolist() == [3.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "message"),
+    [
+        ("depth,depth_unit", ["3,m", "3,cubit"], r"s\.csv:3: depth_unit is 'cubit', which is no unit of depths"),
+        ("depth,depth_unit", ["3,ft", "3,"], r"s\.csv:3: depth_unit is empty, but not on every line"),
+        (
+            "depth,temp,unit",
+            ["3,17,ft", "3,17,ft"],
+            r"s\.csv: the column unit, with 'ft', may state the unit of another",
+        ),
+    ],
+)
+def test_units_that_are_not_clear_are_refused(tmp_path, names, rows, message):
+    path = tmp_path / "s.csv"
+    path.write_text(f"{HEADER},{names}\n" + "".join(f"1,2,{row}\n" for row in rows))
+    with pytest.raises(SoundingsError, match=message + ".*metres"):
+        read_soundings(path)

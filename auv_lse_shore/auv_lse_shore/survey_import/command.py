@@ -11,13 +11,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from auv_lse_common.support.atomic_files import check_folder
+from auv_lse_gp.length_units import METRES
 from auv_lse_shore.report.progress import can_rewrite
 from auv_lse_shore.survey_import.choice import Choice
 from auv_lse_shore.survey_import.clocks import ClockFacts, start_of
 from auv_lse_shore.survey_import.formats import formats
 from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.units import UNITS
 from auv_lse_shore.survey_import.run import check_free, dive_parameters, survey_run, survey_table, write_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.team import vehicles_of
@@ -172,7 +172,7 @@ def user_facts(options: argparse.Namespace) -> UserFacts:
         read=ReadOptions(
             accept_checksums=options.accept_checksums,
             columns=tuple(name.strip() for name in options.columns.split(",")) if options.columns else (),
-            depth_unit_m=UNITS[options.depth_unit] if options.depth_unit else 0.0,
+            depth_unit_m=METRES[options.depth_unit] if options.depth_unit else 0.0,
             day_first=options.day_first,
             surface_m=options.surface,
             crs=options.crs,

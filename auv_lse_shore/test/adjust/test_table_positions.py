@@ -55,7 +55,7 @@ def test_depths_in_a_unit_that_is_not_understood_are_left_out(tmp_path):
         lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{'dbar' if t > START_S + 99 else 'm'},{utc(t)}",
     )
     found = gathered(tmp_path, data)
-    assert found.placed[0].left_out["depths in a unit that is not understood"] == 20
+    assert found.placed[0].left_out["depths in a unit that is not understood (column depth_unit, such as 'dbar')"] == 20
     checked(found, count=100)
 
 
@@ -67,11 +67,30 @@ def test_depths_in_a_unit_that_is_not_understood_are_left_out(tmp_path):
         ("depth (m),unit", "{},ft"),  # the header is plainer
         ("depth,unit,temp,unit", "{},m,17.5,C"),
         ("depth,unit", "{},"),
+        ("depth,unit", "{},in"),  # in or out
+        ("state,unit,depth", "in,in,{}"),
     ],
 )
 def test_a_column_of_other_units_changes_no_depth(tmp_path, header, row):
     data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{row.format(round(d, 3))},{utc(t)}")
     checked(gathered(tmp_path, data))
+
+
+def test_a_column_in_a_unit_that_is_not_understood_names_the_cure(tmp_path):
+    data = lines("lat,lon,depth,depth_unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},brasses,{utc(t)}")
+    with pytest.raises(LogError, match=r"column depth_unit, with 'brasses', is no unit of depths.*--depth-unit m"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--depth-unit", "m"))
+
+
+def test_a_depth_without_a_unit_among_others_in_feet_is_left_out(tmp_path):
+    data = lines(
+        "lat,lon,depth,unit,utc",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / 0.3048:.3f},{'' if t > START_S + 99 else 'ft'},{utc(t)}",
+    )
+    found = gathered(tmp_path, data)
+    assert found.placed[0].left_out["depths without a unit in column unit, where others have one"] == 20
+    checked(found, count=100)
 
 
 @pytest.mark.parametrize("cell", ["n/a", "-", "NaN", "none", "metros", "metri", "mts", "mtrs"])

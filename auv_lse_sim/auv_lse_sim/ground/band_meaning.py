@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from auv_lse_gp.length_units import METRES
 from auv_lse_sim.ground.ground import GroundError
 
 _DOWN = re.compile(r"\b(depths?|soundings?|fathoms?)\b")
@@ -15,17 +16,6 @@ _OTHER = re.compile(
     r"\b(uncertainty|std|stddev|deviation|error|tvu|thu|quality|tid|count|density|hits|intensity|backscatter|slope"
     r"|aspect|hillshade|shade|mask|flag|time|temperature)\b"
 )
-#: Metres per unit, by its names in lower case.
-_METRES = {
-    **dict.fromkeys(("m", "metre", "metres", "meter", "meters", "mètre"), 1.0),
-    **dict.fromkeys(("dm", "decimetre", "decimetres", "decimeter", "decimeters"), 0.1),
-    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),
-    **dict.fromkeys(("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 0.001),
-    **dict.fromkeys(("km", "kilometre", "kilometres", "kilometer", "kilometers"), 1000.0),
-    **dict.fromkeys(("ft", "foot", "feet", "international foot", "ft_i"), 0.3048),
-    **dict.fromkeys(("us survey foot", "us_survey_foot", "ussft", "ft_us", "foot_us", "ftus"), 1200.0 / 3937.0),
-    **dict.fromkeys(("fathom", "fathoms", "fm"), 1.8288),
-}
 
 
 @dataclass(frozen=True)
@@ -68,13 +58,13 @@ def is_bare(name: str) -> bool:
 def _unit_in(text: str) -> str:
     """The unit at the end of a name, such as depth_ft; "" without one. That after a number is of a resolution."""
     found = [word for word in re.split(r"[\W_]+", text.lower()) if word]
-    is_unit = len(found) > 1 and found[-1] in _METRES and not found[-2][-1].isdigit()
+    is_unit = len(found) > 1 and found[-1] in METRES and found[-1] != "in" and not found[-2][-1].isdigit()
     return found[-1] if is_unit else ""
 
 
 def length_m(unit: str) -> float | None:
     """Metres per unit; None if it is no unit of length."""
-    return _METRES.get(unit.strip().lower())
+    return METRES.get(unit.strip().lower())
 
 
 def metres_per(unit: str, where: str) -> float:

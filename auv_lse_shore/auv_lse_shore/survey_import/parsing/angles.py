@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_gp.length_units import factor_of
 from auv_lse_shore.survey_import.parsing.columns import Column
-from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, factor_of
+from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]

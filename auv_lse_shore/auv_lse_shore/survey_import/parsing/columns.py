@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_gp.length_units import METRES, UNIT_NAMES, factor_of
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
 from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE, days, of_day_s
-from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS, UNITS, factor_of
+from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
@@ -78,7 +79,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "profondeur", "profundidad", "profondita", "profundidade", "diepte", "dybde", "djup", "glebokosc", "hloubka",
         "depthbelowkeel", "dbk", "depth1", "glubina",
     ),
-    "depth_unit": ("depthunit", "depthunits", "depthuom", "unit", "units", "uom"),
+    "depth_unit": UNIT_NAMES,
     "elevation": (
         "elevation", "elev", "bedelevation", "bottomelevation", "lakebedelevation", "bedlevel", "bottomlevel",
         "seafloorelevation", "sohlhoehe", "sohlhöhe",
@@ -116,7 +117,7 @@ _PARTS = {
 }  # fmt: skip
 #: A line that begins with a name and has no decimals.
 _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)[\"']?[^\W\d][^\r\n\0]{,5000}", re.MULTILINE)
-_ALL_UNITS = {**UNITS, **TIME_UNITS, **ANGLE_UNITS}
+_ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -134,7 +135,7 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
     words = [word for word in re.split(r"[^a-z0-9äöüß°%]+", text) if word]
     key = "".join(words)
     if key not in _BY_NAME:  # a unit at the end, also without a sign before it: DepthFt, TimeMs
-        known = (*UNITS, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS)
+        known = (*METRES, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS)
         cut = next((k for k in known if key.endswith(k) and _suits(k, key[: -len(k)])), "")
         key, unit = key.removesuffix(cut), unit or cut
     if key not in _BY_NAME and words[-1:] and words[-1] in _SIDES.get(_BY_NAME.get("".join(words[:-1]), ""), ()):
@@ -149,7 +150,7 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
 def _suits(unit: str, key: str) -> bool:
     """Whether a column of this name can have this unit: the `min` of a depth is no minute."""
     role = _BY_NAME.get(key)
-    if unit in UNITS:
+    if unit in METRES:
         return role is not None and role != "datetime"
     return role == "datetime" if unit in TIME_UNITS else role is not None
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_gp.length_units import factor_of, is_unstated, stated_m, stated_units, unit_column
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
@@ -29,7 +30,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     seconds,
     zoned_of,
 )
-from auv_lse_shore.survey_import.parsing.units import TIME_UNITS, UNITS, StatedUnits, factor_of
+from auv_lse_shore.survey_import.parsing.units import TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
 Array = NDArray[np.float64]
@@ -145,7 +146,7 @@ def refuse_units(path: Path, cells: Sequence[str]) -> None:
 
 def _in_units_of(table: Table, names: Sequence[str], positions: Array, unit_m: float) -> Array:
     """Positions (n, 2) in some unit from columns with units of their own; a column without one is in it already."""
-    factors = [factor_of(table.columns[name].unit, UNITS) / unit_m or 1.0 for name in names]
+    factors = [factor_of(table.columns[name].unit) / unit_m or 1.0 for name in names]
     # feet of a survey are often just called feet
     return positions * [1.0 if abs(factor - 1.0) < _SAME_UNIT else factor for factor in factors]
 
@@ -282,7 +283,7 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     role = depth_role(table.columns)
     column, values = table.columns[role], np.array(table.values[role], dtype=float)
     options.used.add("depth_unit")
-    factor = options.depth_unit_m or factor_of(column.unit, UNITS)
+    factor = options.depth_unit_m or factor_of(column.unit)
     marked = np.isin(np.abs(values), _NO_DATA) & np.isfinite(values)
     content.left_out["depths with a value that marks missing data"] += int(marked.sum())
     values = np.where(marked, np.nan, values) * (factor or 1.0)
@@ -306,31 +307,39 @@ def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | N
     """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths.
 
     Raises:
-        LogError: if the column may be of another one, because it follows one that is not used.
+        LogError: if the column may be of another one, because it follows one that is not used, or no unit in it is
+            understood.
     """
-    roles = [role for role in table.columns if role.startswith("depth_unit")]
-    named = [role for role in roles if "depth" in table.columns[role].name.lower()]
-    beside = [role for role in roles if table.columns[role].number == depth.number + 1]
-    role = next(iter(named or beside or (roles if len(roles) == 1 else [])), "")
-    if not role:
+    roles = {c.number: role for role, c in table.columns.items() if role.startswith("depth_unit")}
+    names = {number: table.columns[role].name for number, role in roles.items()}
+    plain = {c.number for role, c in table.columns.items() if c.number not in names and role not in DEPTHS}
+    column = unit_column(names, depth.number, plain)
+    if column is None:
         return None
-    before = {c.number + 1 for key, c in table.columns.items() if c is depth or key not in (*roles, *DEPTHS)}
-    cells, rows = np.unique(np.char.strip(table.values[role]), return_inverse=True)
-    units = StatedUnits()
-    factors = np.array([units.factor({"unit": cell}) for cell in cells.tolist()])
-    other = cells[np.isnan(factors)]
-    if not any(cells) or (len(other) and not named):
-        shown = f"{other[0][:20]!r} is no unit of depths" if len(other) else "it is empty"
-        content.notes.append(f"column {table.columns[role].name} is ignored: {shown}")
-        return None
-    if not named and table.columns[role].number not in before and (factors != 1.0).any():
-        raise LogError(
-            f"{table.path}: the column {table.columns[role].name}, with {cells[factors != 1.0][0]!r}, may state the "
-            f"unit of another column than {depth.name}. Give the unit of the depths, such as --depth-unit m."
+    name, cells = names[column.number], np.char.strip(table.values[roles[column.number]])
+    stated = stated_units(cells, column)
+    if stated is None:
+        other = _first(cells)
+        content.notes.append(
+            f"column {name} is ignored: {f'{other!r} is no unit of depths' if other else 'it is empty'}"
         )
-    stated: Array = factors[rows]
-    units.unclear = int(np.isnan(stated).sum())
-    units.report(content)
+        return None
+    unclear, silent = np.isnan(stated), np.array([is_unstated(cell) for cell in cells.tolist()])
+    if unclear.all():
+        raise LogError(
+            f"{table.path}: column {name}, with {_first(cells)!r}, is no unit of depths. Give it with --depth-unit, "
+            "such as --depth-unit m."
+        )
+    if not column.is_clear and (stated != 1.0).any():
+        raise LogError(
+            f"{table.path}: the column {name}, with {_first(cells[stated != 1.0])!r}, may state the unit of another "
+            f"column than {depth.name}. Give the unit of the depths, such as --depth-unit m."
+        )
+    for cell in np.unique(cells[~unclear & ~silent]).tolist():
+        content.notes.append(f"depths in {cell[:20]}, {stated_m(cell):g} m")
+    content.left_out[f"depths without a unit in column {name}, where others have one"] += int((unclear & silent).sum())
+    reason = f"depths in a unit that is not understood (column {name}, such as {_first(cells[unclear & ~silent])!r})"
+    content.left_out[reason] += int((unclear & ~silent).sum())
     return stated
 
 
@@ -373,7 +382,7 @@ def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
             best = found
     if best is None:
         for role in candidates:
-            text = _first(table, role)
+            text = _first(table.values[role])
             why = f"{text!r} is not a time" if text else "it is empty"
             content.notes.append(f"column {table.columns[role].name} is ignored: {why}")
         content.clock = Clock.NONE
@@ -385,9 +394,9 @@ def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
     return times
 
 
-def _first(table: Table, role: str) -> str:
-    """The first text of a column, shortened to be shown; "" if it is empty."""
-    return next((text[:20] for text in table.values[role].tolist() if text.strip()), "")
+def _first(texts: NDArray[np.str_]) -> str:
+    """The first text of some that is not empty, shortened to be shown; "" without one."""
+    return next((text[:20] for text in texts.tolist() if text.strip()), "")
 
 
 def _time(table: Table, role: str, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
@@ -409,7 +418,9 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
         day, assumed = days(table.values["date"].tolist() if date_of else [], options.day_first)
         if date_of is None or not np.isfinite(day).any():
             if date_of is not None:
-                content.notes.append(f"column {date_of.name} is ignored: {_first(table, 'date')!r} is not a date")
+                content.notes.append(
+                    f"column {date_of.name} is ignored: {_first(table.values['date'])!r} is not a date"
+                )
             clock -= header_zone_s(column.name)
             return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
         is_utc = is_utc or "utc" in date_of.name.lower()
