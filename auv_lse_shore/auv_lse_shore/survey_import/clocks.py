@@ -8,9 +8,12 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
-from auv_lse_shore.survey_import.parsing.times import ROLLOVER_S, UTC_TO_S, date_question
+from auv_lse_shore.survey_import.parsing.times import ROLLOVER_S, UTC_FROM_S, UTC_TO_S, date_question
 
 _DAY_S = 86_400.0
+#: Clocks that are not set begin before this time (s since 1970: 2000-01-02), such as on 1980-01-06, and the other times
+#: of their log are at least this time (s) later.
+_UNSET_S, _APART_S = UTC_FROM_S + _DAY_S, 365.0 * _DAY_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +38,8 @@ def to_utc(contents: Sequence[LogContent], facts: ClockFacts) -> list[str]:
     questions: dict[str, None] = {}
     for content in contents:  # a receiver that counts 1,024 weeks too many is beyond what stamps hold
         content.drop_impossible_times(UTC_TO_S if facts.start is None else UTC_TO_S + ROLLOVER_S)
+        if content.clock in (Clock.UTC, Clock.LOCAL):
+            content.drop_unset_clock(_UNSET_S, _APART_S)
     starts = [content.span_s[0] for content in contents if content.clock in (Clock.UTC, Clock.LOCAL, Clock.DAY)]
     days_s = 0.0
     known = [start for start in starts if math.isfinite(start)]

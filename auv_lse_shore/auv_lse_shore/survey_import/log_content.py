@@ -21,6 +21,8 @@ NO_FIX = "positions without a fix"
 NO_POSITION = "positions at 0, 0"
 NOT_ON_EARTH = "positions that are not on earth"
 NO_ECHO = "depths of 0 or less: no echo"
+#: Share of negative depths from which their sign is a way of writing them.
+_NEGATIVE = 0.9
 
 
 class Reference(Enum):
@@ -132,6 +134,14 @@ class LogContent:
         pings = self.sounders.setdefault(sounder, Sounder()).pings
         pings.frombytes(np.ascontiguousarray(table[echo]).tobytes())
 
+    def downward(self, depths: Array) -> Array:
+        """Depths (n,), positive down, also if the log writes nearly all of them as negative numbers."""
+        known = depths[np.isfinite(depths)]
+        if not len(known) or (known < 0.0).mean() <= _NEGATIVE:
+            return depths
+        self.notes.append("negative depths are taken as metres down")
+        return -depths
+
     def pressure(self, kind: str, stamp_s: float, pressure_pa: float) -> None:
         """Adds an absolute pressure (Pa)."""
         self._pressures[kind].extend((stamp_s, pressure_pa))
@@ -154,18 +164,38 @@ class LogContent:
 
     def drop_impossible_times(self, last_s: float) -> None:
         """Leaves out what has no time between 0 and `last_s`, and counts it."""
+        self._keep_times(-last_s, last_s, "positions and depths with an impossible time (--date gives the first day)")
+
+    def drop_unset_clock(self, until_s: float, apart_s: float) -> None:
+        """Leaves out what comes before a time (s) and before a gap: a clock that was not set yet began there.
+
+        Args:
+            until_s: The latest time at which such clocks begin.
+            apart_s: The least time to the positions after it.
+        """
+        times = [rows[:, 0] for rows in self.positions.values()]
+        early = [float(part[part < until_s].max(initial=-math.inf)) for part in times]
+        later = [float(part[part >= until_s].min(initial=math.inf)) for part in times]
+        if math.isfinite(first_s := min(later, default=math.inf)) and max(early) < first_s - apart_s:
+            reason = "positions and depths before the clock was set (times of decades before the others)"
+            self._keep_times(first_s - apart_s, math.inf, reason)
+
+    def _keep_times(self, first_s: float, last_s: float, reason: str) -> None:
+        if self.position_std_m is not None:
+            (rows,) = self.positions.values()
+            self.position_std_m = self.position_std_m[(rows[:, 0] >= first_s) & (rows[:, 0] <= last_s)]
         for columns, tables in ((3, self._positions), (2, self._pressures)):
             for kind, values in tables.items():
-                tables[kind] = self._possible(values, columns, last_s)
+                tables[kind] = self._between(values, columns, first_s, last_s, reason)
         for sounder in self.sounders.values():
-            sounder.pings = self._possible(sounder.pings, 3, last_s)
+            sounder.pings = self._between(sounder.pings, 3, first_s, last_s, reason)
 
-    def _possible(self, values: array[float], columns: int, last_s: float) -> array[float]:
+    def _between(self, values: array[float], columns: int, first_s: float, last_s: float, why: str) -> array[float]:
         rows = np.frombuffer(values, dtype=float).reshape(-1, columns)
-        good = np.isfinite(rows).T[:2].all(axis=0) & (np.abs(rows[:, 0]) <= last_s)
+        good = np.isfinite(rows).T[:2].all(axis=0) & (rows[:, 0] >= first_s) & (rows[:, 0] <= last_s)
         if good.all():
             return values
-        self.left_out["positions and depths with an impossible time (--date gives the first day)"] += int((~good).sum())
+        self.left_out[why] += int((~good).sum())
         return array("d", rows[good].ravel())
 
     @property

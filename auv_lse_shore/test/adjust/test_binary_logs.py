@@ -210,6 +210,16 @@ def test_the_unit_that_a_log_states_beside_its_depths_counts(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])
+def test_negative_depths_are_metres_down(tmp_path, name):
+    negative, metres = tmp_path / f"negative{name[1:]}", tmp_path / name
+    negative.write_bytes(LOGS[name](ROWS * [1.0, 1.0, 1.0, -1.0]))
+    metres.write_bytes(LOGS[name](ROWS))
+    (found,), (expected,) = gathered(negative).placed, gathered(metres).placed
+    assert found.soundings[:, 3] == pytest.approx(expected.soundings[:, 3], abs=1e-3)
+    assert "negative depths are taken as metres down" in "\n".join(gathered(negative).lines)
+
+
+@pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])
 def test_depths_in_an_unknown_unit_are_refused(tmp_path, name):
     path = tmp_path / name
     path.write_bytes(in_units(name, ROWS, 1.0, "cubits"))

@@ -261,3 +261,32 @@ def test_the_letter_of_a_depth_states_its_unit(tmp_path, fields, expected):
         assert content.left_out["DBT sentences whose letters are no unit, or may be two (f: feet, F: fathoms)"] == 1
     else:
         assert content.sounders["SDDBT"].rows[:, 1] == pytest.approx([expected], abs=0.01)
+
+
+def dated(rows, date=""):
+    """A log whose dates are those of its times, or another one (ddmmyy)."""
+    text = ""
+    for row in rows:
+        day = date or str(np.datetime64(int(row[0]), "s").astype("O").strftime("%d%m%y"))
+        for line in nmea([row]).splitlines():
+            text += sentence(line[1:].split("*")[0].replace("030526", day))
+    return text
+
+
+@pytest.mark.parametrize("first", ["060180", "050180", "220899", "010100"])
+def test_what_a_receiver_reports_before_it_has_the_date_is_left_out(tmp_path, first):
+    rows = survey()[:120]
+    found = gathered(tmp_path, dated(rows[:20], first) + dated(rows[20:]), "--draught", "0.3")
+    soundings = found.placed[0].soundings
+    assert soundings[0, 0] == pytest.approx(rows[20, 0], abs=2.0)
+    assert 95 <= len(soundings) <= 100
+    assert "before the clock was set" in " ".join(found.lines)
+
+
+@pytest.mark.parametrize("middle_s", [946_684_800.0, 788_918_400.0])  # the begin of 2000, and of 1995
+def test_a_survey_over_the_turn_of_a_year_and_an_old_one_are_whole(tmp_path, middle_s):
+    rows = survey()[:120]
+    rows[:, 0] += middle_s - rows[60, 0]
+    found = gathered(tmp_path, dated(rows), "--draught", "0.3")
+    assert len(found.placed[0].soundings) >= 119
+    assert "before the clock was set" not in " ".join(found.lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,15 @@ from auv_lse_sim.ground.raster_ground import raster_ground
 def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
     """Reads ground from an ESRI ASCII grid; a .prj file beside it gives its projection.
 
+    Rows may be wrapped: ncols says where one ends.
+
     Raises:
         GroundError: naming the line and what was expected.
     """
     header: dict[str, float] = {}
     values: list[float] = []
-    rows = 0
+    counts: list[int] = []
+    lines: list[int] = []
     if too_large := over_size(path, MAX_TEXT_BYTES):
         raise GroundError(f"{too_large}. Cut the grid, or make it coarser")
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -31,7 +35,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             fields = line.split()
             if not fields:
                 continue
-            if fields[0][0].isalpha() and fields[0].lower() != "nan" and not rows:
+            if fields[0][0].isalpha() and fields[0].lower() != "nan" and not lines:
                 _read_header_line(fields, header, f"{path}:{number}: {line.strip()[:80]!r}")
                 check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
                 continue
@@ -40,11 +44,9 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             except ValueError:
                 bad = next(f for f in fields if not _is_number(f.replace(",", ".")))
                 raise GroundError(f"{path}:{number}: {bad[:40]!r} is not a number.") from None
-            columns = int(header.get("ncols", 0))
-            if columns and len(row) != columns:
-                raise GroundError(f"{path}:{number}: the row has {counted(len(row), 'value')}, and ncols is {columns}.")
             values.extend(row)
-            rows += 1
+            counts.append(len(row))
+            lines.append(number)
     corner = "xllcorner" in header
     x_name, y_name = ("xllcorner", "yllcorner") if corner else ("xllcenter", "yllcenter")
     header.setdefault("dx", header.get("cellsize", math.nan))
@@ -54,9 +56,8 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             missing = "cellsize, or dx and dy" if key in ("dx", "dy") else key
             given = ", ".join(name for name, value in header.items() if not math.isnan(value))
             raise GroundError(f"{path}: its header has {given or 'nothing'}, but no {missing}. Add it")
-    columns, expected = int(header["ncols"]), int(header["nrows"])
-    if rows != expected:
-        raise GroundError(f"{path}: it has {counted(rows, 'row')} of values, and nrows is {expected}.")
+    rows, columns = int(header["nrows"]), int(header["ncols"])
+    _check_count(path, counts, lines, rows, columns)
     grid = np.array(values).reshape(rows, columns)[::-1]  # rows run from north to south
     grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
     dx, dy = header["dx"], header["dy"]
@@ -68,6 +69,30 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
     projection = path.with_suffix(".prj")
     crs = projection.read_text() if projection.is_file() else None
     return raster_ground(path, x, y, grid, crs, config, origin)
+
+
+def _check_count(path: Path, counts: Sequence[int], lines: Sequence[int], rows: int, columns: int) -> None:
+    """Compares the numbers of values in lines with those of a grid's rows and columns.
+
+    Raises:
+        GroundError: naming the first line that is too short or too long, if each row has its line, or the numbers.
+    """
+    odd = next((i for i, count in enumerate(counts) if count != columns), None)
+    if odd is not None and (len(counts) == rows or 2 * counts.count(columns) > len(counts)):
+        raise GroundError(
+            f"{path}:{lines[odd]}: the row has {counted(counts[odd], 'value')}, and ncols is {columns}. Correct the "
+            "row, or ncols"
+        )
+    if odd is None and len(counts) != rows:
+        raise GroundError(
+            f"{path}: it has {counted(len(counts), 'row')} of values, and nrows is {rows}. Correct nrows, or copy the "
+            "file again"
+        )
+    if sum(counts) != rows * columns:
+        raise GroundError(
+            f"{path}: it has {counted(sum(counts), 'value')}, and nrows x ncols is {rows} x {columns} = "
+            f"{rows * columns}. Correct nrows and ncols, or copy the file again"
+        )
 
 
 def _read_header_line(fields: list[str], header: dict[str, float], where: str) -> None:

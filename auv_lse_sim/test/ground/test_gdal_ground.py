@@ -229,6 +229,14 @@ def test_ascii_grids_have_dx_dy_and_decimal_commas(tmp_path, head):
     check_bottom(load_ground(tmp_path / "g.asc"), tolerance=0.05)
 
 
+@pytest.mark.parametrize("count", [7, 41, 100, 41 * 41])
+def test_rows_of_an_ascii_grid_may_be_wrapped(tmp_path, count):
+    values = [f"{-v:.3f}" for v in DEPTH.ravel()]
+    lines = "\n".join(" ".join(values[i : i + count]) for i in range(0, len(values), count))
+    (tmp_path / "g.asc").write_text(f"ncols 41\nnrows 41\nxllcenter 0\nyllcenter 0\ncellsize 10\n{lines}\n")
+    check_bottom(load_ground(tmp_path / "g.asc"), tolerance=0.05)
+
+
 def test_cells_of_an_ascii_grid_may_be_oblong(tmp_path):
     rows = "\n".join(" ".join(f"{-v:.3f}" for v in row) for row in DEPTH[:, ::2])
     (tmp_path / "g.asc").write_text(f"ncols 21\nnrows 41\nxllcenter 0\nyllcenter 0\ndx 20\ndy 10\n{rows}\n")

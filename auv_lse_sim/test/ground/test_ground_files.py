@@ -57,6 +57,16 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         ),
         (
             "a.asc",
+            "ncols 2\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3\n4 5 6\n",
+            r"a\.asc:7: the row has 1 value, and ncols is 2\. Correct the row, or ncols",
+        ),
+        (
+            "a.asc",
+            "ncols 4\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4\n5 6\n7 8\n9 10\n",
+            r"it has 10 values, and nrows x ncols is 3 x 4 = 12\. Correct nrows and ncols, or copy",
+        ),
+        (
+            "a.asc",
             "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 z4\n",
             r"a\.asc:7: 'z4' is not a number",
         ),

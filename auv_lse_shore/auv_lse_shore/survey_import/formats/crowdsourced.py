@@ -107,7 +107,7 @@ def _fill(content: LogContent, stamps: list[str], rows: np.ndarray[Any, Any], ab
     content.add_positions("features", np.column_stack([times, rows[:, :2]]))
     transducer = '"verticalReferenceOfDepth": "Transducer"' in about
     content.sounders["depth"] = Sounder(reference=Reference.TRANSDUCER if transducer else Reference.SURFACE)
-    content.add_depths("depth", np.column_stack([times, rows[:, 2], np.full(len(rows), _NAN)]))
+    content.add_depths("depth", np.column_stack([times, content.downward(rows[:, 2]), np.full(len(rows), _NAN)]))
     if convention := re.search(r'"convention"\s*:\s*"([^"]{1,40})"', about):
         content.notes.append(f"convention {convention[1]}")
     content.lag_std_s = 0.3

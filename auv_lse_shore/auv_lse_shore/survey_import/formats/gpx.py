@@ -114,7 +114,8 @@ def _fill(content: LogContent, stamps: list[str], rows: NDArray[np.float64]) -> 
     with_depth = ~timeless & np.isfinite(rows[:, 2])
     if content.clock is Clock.NONE:
         with_depth &= (rows[:, :2] != 0.0).any(axis=1)
-    content.add_depths("depth", np.column_stack([times, rows[:, 2], np.full(len(rows), np.nan)])[with_depth])
+    depths = content.downward(rows[:, 2])
+    content.add_depths("depth", np.column_stack([times, depths, np.full(len(rows), np.nan)])[with_depth])
     for sounder in content.sounders.values():
         sounder.reference = Reference.SURFACE
     content.lag_std_s = 0.5

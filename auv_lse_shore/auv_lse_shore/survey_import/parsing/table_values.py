@@ -292,10 +292,9 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     content.notes.append(f"column {column.name}{_unit_note(column, factor) if stated is None else ''}")
     values = values if stated is None else values * stated
     known = values[np.isfinite(values)]
-    if role == "depth" and len(known) and (known < 0.0).mean() > 0.9:
-        values, role = -values, "depth"
-        content.notes.append("negative depths are taken as metres down")
-    elif role != "depth":
+    if role == "depth":
+        values = content.downward(values)
+    else:
         values = _from_elevations(table, column, role, values, known, options)
     absurd = np.abs(values) > _DEEPEST_M
     content.left_out[f"depths beyond {_DEEPEST_M:,.0f} m"] += int(absurd.sum())
