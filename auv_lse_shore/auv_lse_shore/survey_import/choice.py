@@ -118,6 +118,7 @@ def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyL
         lag_std_s=content.lag_std_s,
         left_out=content.left_out,
         notes=[position_note, f"depths from {name}", *content.notes],
+        questions=[*content.questions],
     )
     _refer_to_surface(log, sounder, choice)
     for other, unused in content.sounders.items():

@@ -94,7 +94,8 @@ def _add_boat(group: argparse._ArgumentGroup) -> None:
 
 def _add_log(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--columns", default="", metavar="NAME,...", help="what a table's columns hold: lat, lon, "
-                       "depth, time, date, quality; with units, such as depth_ft or time_ms; - skips one")  # fmt: skip
+                       "depth, time, date, quality, altitude (above the bottom: adds to the depth); with units, such "
+                       "as depth_ft or time_ms; - skips one")  # fmt: skip
     group.add_argument("--depth-unit", choices=("m", "ft", "fathom"), help="unit of a table's depths")
     group.add_argument("--surface", type=float, default=math.nan, metavar="M",
                        help="elevation of the water surface, for a table of bed elevations")  # fmt: skip

@@ -81,6 +81,7 @@ class LogContent:
         lag_std_s: Standard deviation (s) of the time between a depth's measurement and its stamp.
         left_out: Positions and depths left out, by reason.
         notes: What the user should know about how it was read.
+        questions: What the log leaves open, with the option that answers it.
     """
 
     def __init__(self, name: str, clock: Clock = Clock.UTC) -> None:
@@ -96,6 +97,7 @@ class LogContent:
         self.lag_std_s = 0.0
         self.left_out: Counter[str] = Counter()
         self.notes: list[str] = []
+        self.questions: list[str] = []
         self._positions: dict[str, array[float]] = defaultdict(lambda: array("d"))
         self._pressures: dict[str, array[float]] = defaultdict(lambda: array("d"))
 

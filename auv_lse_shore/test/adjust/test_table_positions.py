@@ -248,3 +248,53 @@ def test_a_second_header_with_the_same_columns_is_none(tmp_path, second):
 def test_words_before_the_header_are_none(tmp_path):
     data = joined("utc,lat,lon,depth_m", lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{d:.3f}")
     checked(gathered(tmp_path, "Format: utc,lat,lon,depth,quality\n" + data))
+
+
+@pytest.mark.parametrize(
+    ("header", "arguments"),
+    [
+        ("depth,height above bottom", ()),
+        ("Depth (m),Altitude above bottom [m]", ()),
+        ("vehicle_depth,altitude", ()),
+        ("ROV depth,DVL altitude", ()),
+        ("depth,altitude", ("--columns", "lat,lon,depth,altitude,utc")),
+        ("foo,bar", ("--columns", "lat,lon,depth,altitude,utc")),
+    ],
+)
+def test_water_depth_is_the_depth_of_a_vehicle_plus_its_altitude(tmp_path, header, arguments):
+    data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d - 2.0:.3f},2.000,{utc(t)}")
+    found = gathered(tmp_path, data, *arguments)
+    checked(found)
+    assert "the height above the bottom" in found.lines[0]
+
+
+@pytest.mark.parametrize("header", ["water_depth,altitude", "Water Depth,height above bottom", "depth_m,alt_gps"])
+def test_a_depth_of_water_stays_one_beside_an_altitude(tmp_path, header):
+    data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},2.0,{utc(t)}")
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert f"columns not used: {header.split(',')[1]}" in found.lines[0]
+
+
+@pytest.mark.parametrize(("altitude_m", "asks"), [(2.0, True), (372.4, False), (-3.0, False)])
+def test_an_altitude_beside_a_depth_is_a_question_if_it_can_be_above_the_bottom(tmp_path, altitude_m, asks):
+    data = lines("lat,lon,depth,altitude,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{altitude_m},{utc(t)}")
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert asks == ("question: column altitude is not used" in "\n".join(found.lines))
+    assert "columns not used: altitude" in found.lines[0]
+
+
+def test_a_row_without_an_altitude_is_left_out_and_the_water_depth_is_preferred(tmp_path):
+    data = lines(
+        "lat,lon,depth,distance to bottom,utc",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d - 2.0:.3f},{'' if t > START_S + 99 else '2.0'},{utc(t)}",
+    )
+    found = gathered(tmp_path, data)
+    checked(found, count=100)
+    assert "20 depths without a height above the bottom (column distance to bottom)" in "\n".join(found.lines)
+    both = lines(
+        "lat,lon,depth,altitude,water depth,utc",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d - 2.0:.3f},2.0,{d:.3f},{utc(t)}",
+    )
+    checked(gathered(tmp_path, both))

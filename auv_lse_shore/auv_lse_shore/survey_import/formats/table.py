@@ -92,6 +92,7 @@ def _contents(
                 content = LogContent(f"{file.path.name}{words}", shared.clock)
                 content.stood_still = bool(stood[part].any())
                 content.is_checked, content.notes = "order" in columns, [*shared.notes]
+                content.questions = [*shared.questions]
                 content.lag_std_s = shared.lag_std_s
                 _fill(content, own.of(part))
                 contents.append(content)

@@ -73,12 +73,21 @@ ROLES: dict[str, tuple[str, ...]] = {
     "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "nordwert", "hochwert"),
     "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "ostwert", "rechtswert"),
     "depth": (
-        "depth", "waterdepth", "bottomdepth", "totaldepth", "sonardepth", "depthbelowsurface", "watercolumndepth",
+        "waterdepth", "bottomdepth", "totaldepth", "watercolumndepth", "depth", "sonardepth", "depthbelowsurface",
         "dep", "depthvalue", "instdep", "sounding", "depthcorrected", "correcteddepth", "depthsonar", "dbs",
         "depthbelowtransducer", "depthtransducer", "depthraw", "rawdepth", "dbt", "dpt", "tiefe", "wassertiefe",
         "profondeur", "profundidad", "profondita", "profundidade", "diepte", "dybde", "djup", "glebokosc", "hloubka",
         "depthbelowkeel", "dbk", "depth1", "glubina",
     ),
+    "own_depth": (
+        "vehicledepth", "owndepth", "rovdepth", "auvdepth", "subdepth", "depthvehicle", "depthrov", "depthauv",
+    ),
+    "above_bottom": (
+        "abovebottom", "altitudeabovebottom", "heightabovebottom", "heightoffbottom", "altitudeaboveseafloor",
+        "heightaboveseafloor", "heightaboveseabed", "altitudeaboveseabed", "distancetobottom", "bottomdistance",
+        "rangetobottom", "dvlaltitude", "altimeter",
+    ),
+    "altitude": ("altitude", "alt"),
     "depth_unit": UNIT_NAMES,
     "elevation": (
         "elevation", "elev", "bedelevation", "bottomelevation", "lakebedelevation", "bedlevel", "bottomlevel",
@@ -208,6 +217,7 @@ def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[st
     """Names of a header's columns that are not used: unknown ones, and further positions and depths."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
+    further.add("altitude")
     used = {
         column.number
         for role, column in columns.items()
@@ -225,9 +235,12 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     if len(names) > dialect.width:
         raise LogError(f"--columns names {len(names)} columns, and {path} has {dialect.width}.")
     columns = named_columns(names) if names else named_columns(dialect.header, dialect.units)
+    if names and "altitude" in columns:
+        columns["above_bottom"] = columns.pop("altitude")
     known = {column.number for column in columns.values()}
     if unknown := [name for i, name in enumerate(names) if name != "-" and i not in known]:
         raise LogError(f"--columns: {unknown[0]} means nothing here; write lat, lon, depth, time, or - to skip one.")
+    columns = _of_a_vehicle_under_water(columns)
     if is_complete(columns):
         return columns
     guess = proposal(dialect, rows_across(text, dialect))
@@ -242,6 +255,22 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     else:
         what = f"has no header; its first row is {', '.join(dialect.sample[0] if dialect.sample else [])[:120]}"
     raise LogError(f"{path} {what}. {cure}.")
+
+
+def _of_a_vehicle_under_water(columns: dict[str, Column]) -> dict[str, Column]:
+    """The columns of a vehicle's own depth and of its height above the bottom as `depth` and `above_bottom`.
+
+    A height above the bottom counts only beside the vehicle's own depth, which may just be called depth. Beside that,
+    an altitude may be one, too.
+    """
+    own, depth = columns.pop("own_depth", None), columns.get("depth")
+    if own is not None and not {*DEPTHS} & columns.keys():
+        above = columns.get("above_bottom") or columns.pop("altitude", None)
+        return columns if above is None else {**columns, "depth": own, "above_bottom": above}
+    if depth is None or ROLES["depth"][depth.rank] != "depth":
+        columns.pop("above_bottom", None)
+        columns.pop("altitude", None)
+    return columns
 
 
 def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:

@@ -52,6 +52,8 @@ _SAME_UNIT = 1e-5
 _DEGREE_M = 111_000.0
 #: Metres farther from 0 than this (m) are no local coordinates.
 _FAR_M = 100_000.0
+#: An altitude that stays below this (m) may be above the bottom.
+_LOW_M = 100.0
 #: Depths of lakes and seas end here (m).
 _DEEPEST_M = 12_000.0
 #: Names by which depths are measured from the transducer or the keel.
@@ -293,13 +295,33 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     values = values if stated is None else values * stated
     known = values[np.isfinite(values)]
     if role == "depth":
-        values = content.downward(values)
+        values = _below_surface(table, content.downward(values), content)
     else:
         values = _from_elevations(table, column, role, values, known, options)
     absurd = np.abs(values) > _DEEPEST_M
     content.left_out[f"depths beyond {_DEEPEST_M:,.0f} m"] += int(absurd.sum())
     word = next((word for word in _BELOW if word in column.name.lower()), "")
     return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
+
+
+def _below_surface(table: Table, depths: Array, content: LogContent) -> Array:
+    """Depths of the water (m): those of a table, plus the heights above the bottom of a vehicle under water."""
+    column, altitude = table.columns.get("above_bottom"), table.columns.get("altitude")
+    if column is None:
+        heights = table.values.get("altitude", np.empty(0))
+        heights = heights[np.isfinite(heights)]
+        if altitude is not None and len(heights) and 0.0 < heights.min() <= heights.max() < _LOW_M:
+            content.questions.append(
+                f"column {altitude.name} is not used. If it is the height above the bottom of a vehicle at the depth "
+                f"{table.columns['depth'].name}, add it: --columns with depth and altitude in their places"
+            )
+        return depths
+    factor, heights = factor_of(column.unit), table.values["above_bottom"]
+    heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights) * (factor or 1.0)
+    content.notes.append(f"plus column {column.name}{_unit_note(column, factor)}, the height above the bottom")
+    missing = np.isfinite(depths) & np.isnan(heights)
+    content.left_out[f"depths without a height above the bottom (column {column.name})"] += int(missing.sum())
+    return depths + heights
 
 
 def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | None:
