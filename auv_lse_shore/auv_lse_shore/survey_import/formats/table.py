@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
-from auv_lse_shore.survey_import.parsing.columns import Column, columns_for, depth_role, other_header, unused_columns
+from auv_lse_shore.survey_import.parsing.columns import (
+    Column,
+    Table,
+    columns_for,
+    depth_role,
+    other_header,
+    unused_columns,
+)
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
 from auv_lse_shore.survey_import.survey_log import LogError
@@ -67,7 +74,7 @@ def _contents(
         file.progress(min(read / lines, 1.0))
     if not read:
         raise LogError(f"{file.path} has a header and no rows of values.")
-    table = tv.Table(
+    table = Table(
         path=file.path,
         columns=columns,
         values={role: np.concatenate(arrays) for role, arrays in parts.items()},

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Container, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,21 @@ class Column(NamedTuple):
     unit: str
     name: str
     rank: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """The columns of a table that are used: numbers, or text for times and names, shape (n,) each."""
+
+    path: Path
+    columns: dict[str, Column]
+    values: dict[str, Any]
+    decimal_comma: bool
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.values.values())))
 
 
 #: Names of each role without blanks, signs and units; of several columns of a role the first name counts.
@@ -349,3 +365,8 @@ def _is_quality(values: Array) -> bool:
     return (
         len(np.unique(known)) > 2 and known.min() >= 0.0 and known.max() <= 100.0 and bool((known % 1.0 == 0.0).all())
     )
+
+
+def first_of(texts: NDArray[np.str_]) -> str:
+    """The first text of some that is not empty, shortened to be shown; "" without one."""
+    return next((text[:20] for text in texts.tolist() if text.strip()), "")

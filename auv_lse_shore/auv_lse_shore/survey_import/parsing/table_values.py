@@ -7,7 +7,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +16,10 @@ from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.angles import angle, degrees_of
-from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Column, depth_role
+from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Column, Table, depth_role, first_of
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
+from auv_lse_shore.survey_import.parsing.table_times import times_of
 from auv_lse_shore.survey_import.parsing.text import text_of
-from auv_lse_shore.survey_import.parsing.times import (
-    UTC_FROM_S,
-    are_six_digits,
-    datetimes,
-    days,
-    header_zone_s,
-    of_day_s,
-    seconds,
-    zoned_of,
-)
-from auv_lse_shore.survey_import.parsing.units import TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
 Array = NDArray[np.float64]
@@ -38,8 +27,6 @@ Mask = NDArray[np.bool_]
 
 #: Letters from which a table's dialect is found.
 SAMPLE_LETTERS = 100_000
-#: Number of times, spread over a table, by which their notation is recognized.
-_SAMPLED = 1000
 #: Beginnings of the roles whose cells stay text.
 TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit")
 #: Values that commonly mark missing data, with either sign.
@@ -63,21 +50,6 @@ _BELOW = {
     "keel": Reference.KEEL,
     "dbk": Reference.KEEL,
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
-    """The columns of a table that are used: numbers, or text for times and names, shape (n,) each."""
-
-    path: Path
-    columns: dict[str, Column]
-    values: dict[str, Any]
-    decimal_comma: bool
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return len(next(iter(self.values.values())))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,7 +138,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
     content.left_out["positions that are no numbers"] += int(missing.sum())
     content.left_out[NO_POSITION] += int(zero.sum())
     content.left_out[NOT_ON_EARTH] += int(wrong.sum())
-    time_s = _times(table, options, content)
+    time_s = times_of(table, options, content)
     timeless = ~np.isfinite(time_s)
     content.left_out["rows without a time"] += int(timeless.sum())
     depth_m, reference = _depths(table, options, content)
@@ -340,7 +312,7 @@ def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | N
     name, cells = names[column.number], np.char.strip(table.values[roles[column.number]])
     stated = stated_units(cells, column)
     if stated is None:
-        other = _first(cells)
+        other = first_of(cells)
         content.notes.append(
             f"column {name} is ignored: {f'{other!r} is no unit of depths' if other else 'it is empty'}"
         )
@@ -348,18 +320,18 @@ def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | N
     unclear, silent = np.isnan(stated), np.array([is_unstated(cell) for cell in cells.tolist()])
     if unclear.all():
         raise LogError(
-            f"{table.path}: column {name}, with {_first(cells)!r}, is no unit of depths. Give it with --depth-unit, "
+            f"{table.path}: column {name}, with {first_of(cells)!r}, is no unit of depths. Give it with --depth-unit, "
             "such as --depth-unit m."
         )
     if not column.is_clear and (stated != 1.0).any():
         raise LogError(
-            f"{table.path}: the column {name}, with {_first(cells[stated != 1.0])!r}, may state the unit of another "
+            f"{table.path}: the column {name}, with {first_of(cells[stated != 1.0])!r}, may state the unit of another "
             f"column than {depth.name}. Give the unit of the depths, such as --depth-unit m."
         )
     for cell in np.unique(cells[~unclear & ~silent]).tolist():
         content.notes.append(f"depths in {cell[:20]}, {stated_m(cell):g} m")
     content.left_out[f"depths without a unit in column {name}, where others have one"] += int((unclear & silent).sum())
-    reason = f"depths in a unit that is not understood (column {name}, such as {_first(cells[unclear & ~silent])!r})"
+    reason = f"depths in a unit that is not understood (column {name}, such as {first_of(cells[unclear & ~silent])!r})"
     content.left_out[reason] += int((unclear & ~silent).sum())
     return stated
 
@@ -389,110 +361,3 @@ def _from_elevations(
         f"{table.path}: {column.name} is {low:.1f} to {high:.1f} m. If these are elevations, give that of the water "
         "surface with --surface M; if they are depths, name the column so with --columns."
     )
-
-
-def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
-    """Times (s), NaN where missing; sets the content's clock."""
-    best: tuple[Clock, Array] | None = None
-    options.used.add("day_first")
-    order = (Clock.UTC, Clock.LOCAL, Clock.DAY, Clock.ELAPSED)
-    candidates = [role for role in table.columns if role.startswith("datetime")]
-    for role in candidates or ["date"] * ("date" in table.columns):
-        found = _time(table, role, options, content)
-        if found and (best is None or order.index(found[0]) < order.index(best[0])):
-            best = found
-    if best is None:
-        for role in candidates:
-            text = _first(table.values[role])
-            why = f"{text!r} is not a time" if text else "it is empty"
-            content.notes.append(f"column {table.columns[role].name} is ignored: {why}")
-        content.clock = Clock.NONE
-        return np.arange(table.count, dtype=float)
-    content.clock, times = best
-    known = times[np.isfinite(times)]
-    is_whole = bool(len(known)) and bool((known % 1.0 == 0.0).all())
-    content.lag_std_s = 1.0 / np.sqrt(12.0) if is_whole else 0.1
-    return times
-
-
-def _first(texts: NDArray[np.str_]) -> str:
-    """The first text of some that is not empty, shortened to be shown; "" without one."""
-    return next((text[:20] for text in texts.tolist() if text.strip()), "")
-
-
-def _time(table: Table, role: str, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
-    """A column of times with its clock; None if it holds none."""
-    column, texts = table.columns[role], table.values[role].tolist()
-    first = next((text for text in texts if text.strip()), "")
-    if not first:
-        return None
-    is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
-    is_utc = is_utc or first.strip().endswith(("Z", "UTC", "GMT"))
-    sample = texts[:: len(texts) // _SAMPLED + 1]
-    date_of = table.columns.get("date")
-    is_of_day = are_six_digits(sample) and column.unit not in TIME_UNITS
-    if not is_of_day and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
-        return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
-    if np.isfinite(of_day_s(sample)).mean() > 0.5:
-        clock = of_day_s(texts)
-        _check_zones(texts, zoned_of(texts), column, date_of or column, table.path)
-        day, assumed = days(table.values["date"].tolist() if date_of else [], options.day_first)
-        if date_of is None or not np.isfinite(day).any():
-            if date_of is not None:
-                content.notes.append(
-                    f"column {date_of.name} is ignored: {_first(table.values['date'])!r} is not a date"
-                )
-            clock -= header_zone_s(column.name)
-            return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
-        is_utc = is_utc or "utc" in date_of.name.lower()
-        has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
-    else:
-        stamps, zoned, assumed = datetimes(texts, options.day_first)
-        _check_zones(texts, zoned, column, column, table.path)
-        has_zone = bool(zoned)
-        if not np.isfinite(stamps).mean() > 0.5:
-            return None
-        stamps = stamps if has_zone else stamps - header_zone_s(column.name)
-    if assumed:
-        content.notes.append("it is unclear whether dates begin with the day or the month: see --day-first")
-    return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
-
-
-def _check_zones(texts: Sequence[str], zoned: Sequence[str], column: Column, date_of: Column, path: Path) -> None:
-    """Checks that all times state a zone, or none, unless the header does.
-
-    Raises:
-        LogError: if only some do.
-    """
-    names = f"{column.name} {date_of.name}".lower()
-    if not zoned or len(zoned) == len(texts) or "utc" in names or "gmt" in names:
-        return
-    count = sum(1 for text in texts if ":" in text)
-    if len(zoned) < count:
-        raise LogError(
-            f"{path}: {len(zoned)} of {count} times in column {column.name} state a zone, such as {zoned[0][:40]!r}, "
-            "the others none. Write the same zone behind all of them"
-        )
-
-
-def _from_numbers(
-    numbers: Array, column: Column, table: Table, options: ReadOptions, content: LogContent
-) -> tuple[Clock, Array]:
-    """Epochs, seconds of a day with a date, or seconds from a start."""
-    low, unit_s = float(np.nanmin(numbers)), factor_of(column.unit, TIME_UNITS)
-    if (
-        low > 25_569.0 and float(np.nanmax(numbers)) < 80_000.0 and not unit_s and (numbers % 1.0 != 0.0).any()
-    ):  # days of a spreadsheet since 1899-12-30
-        days_s = (numbers - 25_569.0) * 86_400.0 - header_zone_s(column.name)
-        return Clock.UTC if "utc" in column.name.lower() else Clock.LOCAL, days_s
-    times = seconds(numbers)
-    if unit_s and low * unit_s < UTC_FROM_S:
-        times = numbers * unit_s
-    if float(np.nanmin(times)) > 0.3 * UTC_FROM_S:
-        return Clock.UTC, times
-    if "date" in table.columns and float(np.nanmax(times)) <= 86_401.0:
-        day, _ = days(table.values["date"].tolist(), options.day_first)
-        if np.isfinite(day).mean() > 0.5:
-            name = f"{column.name} {table.columns['date'].name}".lower()
-            return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times - header_zone_s(name)
-    return Clock.ELAPSED, times
