@@ -203,6 +203,65 @@ def test_utc_behind_a_time_is_its_zone(tmp_path, zone, recwarn):
     assert not recwarn.list
 
 
+@pytest.mark.parametrize(
+    "form",
+    [
+        "%a %d %b %Y,%H:%M:%S",
+        "%A %d %B %Y,%H:%M:%S",
+        "So %d. Mai %Y,%H:%M:%S",
+        "%Y-%j,%H:%M:%S",
+        "%Y%j,%H:%M:%S",
+    ],
+)
+def test_dates_with_weekdays_months_in_words_and_days_of_the_year(tmp_path, form):
+    found = gathered(
+        tmp_path, lines("lat,lon,depth,date,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t, form)}")
+    )
+    checked(found)
+    assert "ignored" not in found.lines[0]
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "%a %b %d %H:%M:%S %Y",
+        "%a %b %d %H:%M:%S UTC %Y",
+        '"%a, %d %b %Y %H:%M:%S GMT"',
+        '"%a, %d %b %Y %H:%M:%S +0000"',
+        "%Y-%jT%H:%M:%SZ",
+    ],
+)
+def test_moments_as_mail_and_unix_write_them(tmp_path, form):
+    found = gathered(
+        tmp_path, lines("lat,lon,depth,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t, form)}")
+    )
+    checked(found)
+    assert any("zone" in line for line in found.lines) == (form == "%a %b %d %H:%M:%S %Y")
+
+
+@pytest.mark.parametrize("form", ["%H:%M:%S", "%H%M%S"])
+def test_a_date_that_stays_past_midnight_is_that_of_the_first_row(tmp_path, form):
+    midnight_s = START_S - START_S % 86_400.0
+
+    def row(t, a, o, d):
+        return f"{a:.8f},{o:.8f},{d:.3f},03.05.2026,{utc(t - START_S + midnight_s - 60.0, form)}"
+
+    found = gathered(tmp_path, lines("lat,lon,depth,date,time", row), "--day-first")
+    checked(found, starts=None)
+    stamps = found.placed[0].soundings[:, 0]
+    assert np.diff(stamps).max() < 2.0
+    assert "has the first day's date after midnight, too" in found.lines[0]
+
+
+def test_rows_of_one_day_in_another_order_stay_in_it(tmp_path):
+    header, *rows = lines(
+        "lat,lon,depth,date,time",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},2026-05-03,{utc(t, '%H:%M:%S')}",
+    ).splitlines()
+    found = gathered(tmp_path, "\n".join([header, *rows[60:], *rows[:60]]))
+    assert np.ptp(found.placed[0].soundings[:, 0]) == pytest.approx(119.0)
+
+
 @pytest.mark.parametrize(("header", "unit_s"), [("Time (min)", 60.0), ("time_min", 60.0), ("Time [h]", 3600.0)])
 def test_elapsed_times_in_minutes_and_hours(tmp_path, header, unit_s):
     data = lines(f"lat,lon,depth,{header}", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{(t - START_S) / unit_s:.7f}")

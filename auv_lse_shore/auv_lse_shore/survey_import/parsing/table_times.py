@@ -28,6 +28,9 @@ from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
 
+#: A clock that goes back by more than this (s) has passed midnight, or rows are in another order; by this, midnight.
+_BACK_S, _MIDNIGHT_S = 60.0, -82_800.0
+
 #: Number of times, spread over a table, by which their notation is recognized.
 _SAMPLED = 1000
 
@@ -80,6 +83,7 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
                 )
             clock -= header_zone_s(column.name)
             return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
+        day = _past_midnight(clock, day, date_of, content)
         is_utc = is_utc or "utc" in date_of.name.lower()
         has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
     else:
@@ -92,6 +96,27 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     if assumed:
         content.notes.append("it is unclear whether dates begin with the day or the month: see --day-first")
     return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
+
+
+def _past_midnight(clock: Array, day: Array, date_of: Column, content: LogContent) -> Array:
+    """Dates (n,), s since 1970, of rows with one date in all of them, which may be that of the first row.
+
+    Args:
+        clock: Seconds of the day, (n,). If only midnights turn it back, days begin there.
+        day: Seconds since 1970 of the dates, (n,).
+        date_of: The column of dates.
+        content: Takes a note.
+    """
+    known = np.flatnonzero(np.isfinite(clock + day))
+    steps = np.diff(clock[known])
+    turns = steps < -_BACK_S
+    if not turns.any() or np.ptp(day[known]) > 0.0 or (steps[turns] > _MIDNIGHT_S).any():
+        return day
+    content.notes.append(f"column {date_of.name} has the first day's date after midnight, too; later days are counted")
+    begun = np.zeros(len(clock))
+    begun[known[1:][turns]] = 86_400.0
+    dates: Array = day + np.cumsum(begun)
+    return dates
 
 
 def _check_zones(texts: Sequence[str], zoned: Sequence[str], column: Column, date_of: Column, path: Path) -> None:
@@ -130,5 +155,6 @@ def _from_numbers(
         day, _ = days(table.values["date"].tolist(), options.day_first)
         if np.isfinite(day).mean() > 0.5:
             name = f"{column.name} {table.columns['date'].name}".lower()
+            day = _past_midnight(times, day, table.columns["date"], content)
             return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times - header_zone_s(name)
     return Clock.ELAPSED, times

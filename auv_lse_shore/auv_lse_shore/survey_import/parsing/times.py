@@ -25,11 +25,25 @@ _OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[M
 _SIX_DIGITS = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
-#: Dates whose month has its English name: 14-Jun-2025, 14 June 2025, 14Jun2025; Jun 14, 2025.
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_NAME = f"({'|'.join(_MONTHS)})[a-z]*"
-_DAY_NAME_YEAR = re.compile(rf"^\s*(\d{{1,2}})[-/. ]*{_NAME}[-/., ]*(\d{{4}}|\d{{2}})(?!\d)", re.IGNORECASE)
-_NAME_DAY_YEAR = re.compile(rf"^\s*{_NAME}[-/. ]*(\d{{1,2}})[-/., ]+(\d{{4}})(?!\d)", re.IGNORECASE)
+#: A year and the day in it, as in 2025-165.
+_YEAR_DAY = re.compile(r"(\d{4})-?(\d{3})$")
+#: Months by the beginnings of their English, German, French, Spanish and Italian names.
+_MONTHS = {
+    "jan": 1, "gen": 1, "ene": 1, "feb": 2, "fev": 2, "fév": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "avr": 4,
+    "abr": 4, "may": 5, "mai": 5, "mag": 5, "jun": 6, "juin": 6, "giu": 6, "jul": 7, "juil": 7, "lug": 7, "aug": 8,
+    "aou": 8, "aoû": 8, "ago": 8, "sep": 9, "set": 9, "oct": 10, "okt": 10, "ott": 10, "nov": 11, "dec": 12, "dez": 12,
+    "déc": 12, "dic": 12,
+}  # fmt: skip
+_NAME = f"({'|'.join(sorted(_MONTHS, key=len, reverse=True))})[^\\W\\d_]*"
+#: Dates whose month has its name, also behind a weekday: 14-Jun-2025, Sat 14 June 2025, 14Jun2025; Jun 14, 2025; and
+#: with the time before the year: Sat Jun 14 10:00:00 UTC 2025.
+_WEEKDAY = r"^\s*(?:[^\W\d_]{2,10}[.,]{0,2}\s+)?"
+_DAY_NAME_YEAR = re.compile(rf"{_WEEKDAY}(\d{{1,2}})[-/. ]*{_NAME}[-/., ]*(\d{{4}}|\d{{2}})(?!\d)", re.IGNORECASE)
+_NAME_DAY_YEAR = re.compile(rf"{_WEEKDAY}{_NAME}[-/. ]*(\d{{1,2}})[-/., ]+(\d{{4}})(?!\d)", re.IGNORECASE)
+_YEAR_AT_END = re.compile(
+    rf"{_WEEKDAY}{_NAME}\s+(\d{{1,2}})\s+(\d{{1,2}}:[\d:.]+(?:\s*[AaPp][Mm])?(?:\s+[A-Z]{{3,4}})?)\s+(\d{{4}})\s*$",
+    re.IGNORECASE,
+)
 _ZONE = re.compile(r"(?<=[\d:. ]{3})\s*(Z|UTC|GMT|(?:UTC|GMT)?[+-]\d{2}(?::?\d{2})?)$")
 #: A zone in the header of a column, such as "UTC+2".
 HEADER_ZONE = re.compile(r"(?<![a-z])(?:utc|gmt)\s*([+-])\s*(0?\d|1[0-4])(?::?(\d{2}))?(?!\d)", re.IGNORECASE)
@@ -93,13 +107,18 @@ def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
 
 def _with_numbers(text: str) -> str:
     """A text whose date has a month's name with year, month and day as numbers instead; others as they are."""
-    if match := _DAY_NAME_YEAR.match(text):
+    if match := _YEAR_AT_END.match(text):
+        name, day, rest, year = match.groups()
+        rest = f" {rest}"
+    elif match := _DAY_NAME_YEAR.match(text):
         day, name, year = match.groups()
+        rest = text[match.end() :]
     elif match := _NAME_DAY_YEAR.match(text):
         name, day, year = match.groups()
+        rest = text[match.end() :]
     else:
         return text
-    return f"{_year(int(year))}-{_MONTHS.index(name.lower()) + 1}-{day}{text[match.end() :]}"
+    return f"{_year(int(year))}-{_MONTHS[name.lower()]}-{day}{rest}"
 
 
 def _year(number: int) -> int:
@@ -117,6 +136,8 @@ def _days(texts: Sequence[str], day_first: bool) -> dict[str, float]:
 
 
 def _date(text: str, day_first: bool) -> float:
+    if (match := _YEAR_DAY.match(text)) and 1 <= int(match[2]) <= 366:
+        return datetime(int(match[1]), 1, 1, tzinfo=UTC).timestamp() + 86_400.0 * (int(match[2]) - 1)
     if match := _YEAR_FIRST.match(text):
         parts = [int(part) for part in match.groups() if part]
     elif match := _YEAR_LAST.match(text):
@@ -135,15 +156,17 @@ def datetimes(texts: Sequence[str], day_first: bool | None) -> tuple[Array, Sequ
     """Seconds since 1970 of dates with times, NaN for others; those that state a zone; whether the order is assumed.
 
     Args:
-        texts: Such as "2026-06-14T10:00:00Z", "14.06.2026 10:00:00" or "6/14/2026 2:03 PM".
+        texts: Such as "2026-06-14T10:00:00Z", "14.06.2026 10:00:00", "6/14/2026 2:03 PM" or "Sun, 14 Jun 2026 10:00:00
+            GMT".
         day_first: See `days`.
     """
     if (quick := _iso(texts)) is not None:
         return quick, texts if texts[0].endswith("Z") else (), False
-    zones = [_ZONE.search(text) if ":" in text else None for text in texts]
+    plain = [_with_numbers(text.strip()) for text in texts]
+    zones = [_ZONE.search(text) if ":" in text else None for text in plain]
     zoned = [text for text, zone in zip(texts, zones, strict=True) if zone]
-    bare = [text[: zone.start()] if zone else text for text, zone in zip(texts, zones, strict=True)]
-    parts = [re.split(r"[T ,]+", _with_numbers(text.strip()), maxsplit=1) for text in bare]
+    bare = [text[: zone.start()] if zone else text for text, zone in zip(plain, zones, strict=True)]
+    parts = [re.split(r"[T ,]+", text, maxsplit=1) for text in bare]
     day, assumed = days([part[0] for part in parts], day_first)
     clock = of_day_s([part[1] if len(part) > 1 else "0:00" for part in parts])
     shift = np.array([_zone_s(zone[1]) if zone else 0.0 for zone in zones])
