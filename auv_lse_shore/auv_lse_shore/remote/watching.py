@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import select
 import threading
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any
+from typing import IO, Any
 
 from rich.console import Console
 from rich.live import Live
@@ -113,7 +114,9 @@ class Watch:
 def watch(
     fleet: FleetFile, vehicles: Sequence[RemoteVehicle], every_s: float, once: bool, page: int | None = None
 ) -> int:
-    """Shows the team until Ctrl-C; with `once` one table. Returns the exit code: 1 if there are alarms.
+    """Shows the team until Ctrl-C, without a page also until the reader of its lines ends; with `once` one table.
+
+    Returns the exit code: 1 if there are alarms in the one table.
 
     Args:
         every_s: Time between questions to a vehicle (s).
@@ -137,7 +140,7 @@ def watch(
         known, live, printed_s = set[str](), None, -math.inf
         if console.is_terminal and not console.is_dumb_terminal:
             live = stack.enter_context(Live(console=console, auto_refresh=False, screen=page is None))
-        while True:
+        while chart is not None or _is_read(console.file):
             now_s = time.monotonic()
             table, lines = _shown(found, now_s)
             if chart is not None:
@@ -151,6 +154,17 @@ def watch(
                 printed_s = now_s
                 _print(console, table, lines)
             time.sleep(1.0)
+    return 0
+
+
+def _is_read(stream: IO[str]) -> bool:
+    """Whether no reader of a pipe, such as `head`, has ended; the table is for nobody then."""
+    poll = select.poll()
+    try:
+        poll.register(stream.fileno(), 0)
+    except OSError:  # a stream without a descriptor
+        return True
+    return not any(event & select.POLLERR for _, event in poll.poll(0))
 
 
 def _print(console: Console, table: Table, lines: Sequence[str]) -> None:
