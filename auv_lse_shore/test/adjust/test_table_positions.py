@@ -298,3 +298,30 @@ def test_a_row_without_an_altitude_is_left_out_and_the_water_depth_is_preferred(
         lambda t, a, o, d: f"{a:.8f},{o:.8f},{d - 2.0:.3f},2.0,{d:.3f},{utc(t)}",
     )
     checked(gathered(tmp_path, both))
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("Latitude (min),Longitude (min)", r"column Latitude \(min\) holds minutes, and no column the degrees.*lat"),
+        ("lat,Longitude (min)", r"column Longitude \(min\) holds minutes, and no column the degrees.*column lon,"),
+        ("lat_sec,lon", r"column lat_sec holds seconds, and no column the degrees"),
+        ("lat,lon,lat_min", r"column lon has whole degrees, and there is no column of its minutes. Add it as lon_min"),
+    ],
+)
+def test_minutes_without_degrees_and_degrees_without_minutes_are_refused(tmp_path, header, message):
+    def row(t, a, o, d):
+        cells = {"lat": f"{a // 1:.0f}", "lon": f"{o // 1:.0f}"}
+        return ",".join([cells.get(name, f"{60 * (a % 1):.6f}") for name in header.split(",")]) + f",{d:.3f},{utc(t)}"
+
+    with pytest.raises(LogError, match=message):
+        gathered(tmp_path, lines(f"{header},depth,utc", row))
+
+
+def test_gon_are_converted_and_an_unknown_unit_of_an_angle_is_named(tmp_path):
+    gon = lines("lat (gon),lon (gon),depth,utc", lambda t, a, o, d: f"{a / 0.9:.9f},{o / 0.9:.9f},{d:.3f},{utc(t)}")
+    checked(gathered(tmp_path, gon))
+    other = lines("lat (mils),lon (deg E),depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)}")
+    found = gathered(tmp_path, other)
+    assert "column lat (mils) taken as degrees: the unit 'mils' is not understood" in found.lines[0]
+    assert "lon (deg E) taken" not in found.lines[0]

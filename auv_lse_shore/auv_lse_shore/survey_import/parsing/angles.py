@@ -24,6 +24,8 @@ _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)[°º d:]*\s*(?:(\d+(?
 _E7 = re.compile(r"(deg)?\W*1?e-?7")
 _PACKED = re.compile(r"d{1,3}mm?\b.*")
 _NEGATIVE = re.compile(r"(°|º|deg|degrees|dd)?[ .]?(s|south|w|west)")
+#: What a unit of degrees, or the name of a geodetic datum, contains.
+_DEGREES = re.compile(r"deg|°|º|d{2}|wgs|etrs|nad|epsg|gcs|dec|\b(n|s|e|w|north|south|east|west)\b")
 #: Share of the positions that shows what all of them are.
 _MOST = 0.9
 
@@ -65,8 +67,19 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
     units = [columns[name].unit for name in names]
     factors = [1e-7 if _E7.fullmatch(unit) else factor_of(unit, ANGLE_UNITS) or 1.0 for unit in units]
     positions = np.column_stack([values[name] for name in names]) * factors
+    notes += [
+        f"column {columns[name].name} taken as degrees: the unit {unit!r} is not understood"
+        for name, unit, factor in zip(names, units, factors, strict=True)
+        if factor == 1.0 and unit.strip("- ") and not _DEGREES.search(unit)
+    ]
+    are_whole = (np.nan_to_num(positions) % 1.0 == 0.0).all()
     for number, name in enumerate(names):
         minutes, degrees = values.get(f"{name}_min"), positions[:, number]
+        if are_whole and minutes is None and f"{names[1 - number]}_min" in values:
+            raise LogError(
+                f"{path}: column {columns[name].name} has whole degrees, and there is no column of its minutes. Add it "
+                f"as {name}_min."
+            )
         # beside a whole position they are a part of it
         if minutes is not None and np.array_equal(degrees, np.trunc(degrees), equal_nan=True):
             seconds = values.get(f"{name}_sec", 0.0)

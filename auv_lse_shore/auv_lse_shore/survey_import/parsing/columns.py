@@ -259,6 +259,14 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     columns = _of_a_vehicle_under_water(columns)
     if is_complete(columns):
         return columns
+    for angle in ("lat", "lon"):
+        part = columns.get(f"{angle}_min") or columns.get(f"{angle}_sec")
+        if part is not None and angle not in columns:
+            raise LogError(
+                f"{path}: column {part.name} holds {'minutes' if part.role.endswith('min') else 'seconds'}, and no "
+                f"column the degrees before them. Add them as a column {angle}, or write degrees into this one and "
+                f"name it {angle}."
+            )
     guess = proposal(dialect, rows_across(text, dialect))
     if not dialect.header and not names and guess == _DEEPER:
         return named_columns(guess)

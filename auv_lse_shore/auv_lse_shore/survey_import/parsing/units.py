@@ -15,7 +15,10 @@ TIME_UNITS = {
     "minutes": 60.0, "h": 3600.0, "hours": 3600.0,
 }  # fmt: skip
 #: Degrees per unit of an angle.
-ANGLE_UNITS = {"rad": 57.29577951308232, "radians": 57.29577951308232}
+ANGLE_UNITS = {
+    "rad": 57.29577951308232, "radians": 57.29577951308232, "gon": 0.9, "gons": 0.9, "grad": 0.9, "grads": 0.9,
+    "gradian": 0.9, "gradians": 0.9,
+}  # fmt: skip
 #: What else stands where a unit is expected.
 OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84",
                "e7", "dege7", "ddmm", "dddmm")  # fmt: skip
