@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_record import run_reader, run_writer
 from auv_lse_record.run_data import GroundGrid
 from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
@@ -42,13 +42,11 @@ def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], E
 
 def _keep(evaluation: Evaluation, location: Path) -> None:
     """Writes a run folder, complete or not at all."""
-    location.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".part-", dir=location.parent) as part:
-        run = Path(part) / location.name
+    with written_whole(location.parent) as part:
+        run = part / location.name
         run_writer.write_run(evaluation.run, run)
         _keep_ground(evaluation.run.ground, run / "ground.npz")
         write_outputs(evaluation, run)
-        run.rename(location)
 
 
 def _keep_ground(ground: GroundGrid | None, path: Path) -> None:

@@ -5,14 +5,16 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from sim_helpers import TINY
 from verb_main import verb_main
 
 from auv_lse_shore.campaign.cluster import cluster
-from auv_lse_shore.reproduce import reproduce
+from auv_lse_shore.reproduce import examples, reproduce
 from auv_lse_shore.reproduce import study as studies
 from auv_lse_shore.reproduce.study import quick_study
 
@@ -54,6 +56,29 @@ def _reproduced_in_miniature(tmp_path, arguments, capsys):
     # Started again, it flies nothing and makes the same page from the rows and the recordings.
     assert main(arguments) == 0
     assert json.loads((tmp_path / "r" / "results.json").read_text()) == results
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_example_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, fails):
+    left = tmp_path / "examples" / ".auv_lse.part-killed"
+    left.mkdir(parents=True)
+    os.utime(left, (1e9, 1e9))
+
+    def outputs(evaluation, folder):
+        assert not (tmp_path / "examples" / "a").exists()
+        (folder / "report.html").write_text("x")
+        if fails:
+            raise OSError("no space")
+
+    monkeypatch.setattr(examples.run_writer, "write_run", lambda run, folder: folder.mkdir())
+    monkeypatch.setattr(examples, "write_outputs", outputs)
+    evaluation = SimpleNamespace(run=SimpleNamespace(ground=None))
+    with pytest.raises(OSError, match="no space") if fails else nullcontext():
+        examples._keep(evaluation, tmp_path / "examples" / "a")
+    assert [str(path.relative_to(tmp_path)) for path in sorted(tmp_path.rglob("*"))] == [
+        "examples",
+        *([] if fails else ["examples/a", "examples/a/report.html"]),
+    ], "a folder that a killed process left is removed"
 
 
 def test_an_estimate_of_the_small_version_simulates_and_writes_nothing(tmp_path, monkeypatch, capsys, client):
