@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature, is_resource_fork, line_of, named_feature, ring_of
+from auv_lse_shore.areas.roles import is_no_go_title
 from auv_lse_shore.areas.xml_tree import read_xml, text_of
 
 #: Features without a geometry of their own.
@@ -76,7 +77,9 @@ def kml_features(root: Element, where: str) -> Iterator[Feature]:
         elif element.tag in ("coordinates", "coord"):
             yield Feature("coordinates outside a placemark")
         else:
-            inner = f"{folder} {text_of(element, 'name')}".strip() if element.tag == "Folder" else folder
+            title = text_of(element, "name")
+            counts = element.tag == "Folder" or (element.tag == "Document" and is_no_go_title(title))
+            inner = f"{folder} {title}".strip() if counts else folder
             stack += [(child, inner) for child in reversed(element)]
 
 

@@ -1,8 +1,8 @@
 """What the features of an area file are for, by their names, properties and folders.
 
-A feature's name, a property such as `role` or `type`, or its folder defines its use: "no-go ...", "start ...",
-"recovery ...", "shore ...". A number in the name of a start or recovery position is the vehicle number. A shore is a
-line or the outline of a polygon. The one remaining polygon, or a closed line, is the operating area.
+A feature's name, a property such as `role` or `type`, its folder, or a document's title defines its use: "no-go ...",
+"start ...", "recovery ...", "shore ...". A number in the name of a start or recovery position is the vehicle number. A
+shore is a line or the outline of a polygon. The one remaining polygon, or a closed line, is the operating area.
 """
 
 from __future__ import annotations
@@ -27,16 +27,28 @@ MAX_EXTENT_DEG = 2.0
 #: Largest number of rings in a file; those of an area have at most 2,000 corners together.
 MAX_RINGS = 700
 #: Words that define a role, as `words` separates them; the first role that matches counts.
+_KEEP_OUT = (
+    r"no ?go|no ?entry|exclu(?:sion|sive|de|ded)|keep ?(?:out|away)|stay out|off limits|avoid|forbidden|prohibited"
+    r"|restricted"
+)
+_OBJECTS = r"danger|dangerous|hazard|obstacles?|obstructions?|islands?|islets?"
 _ROLES = {
-    "no_go": re.compile(
-        r"\b(no ?go|no ?entry|exclu(sion|sive|de|ded)|keep ?(out|away)|stay out|off limits|avoid|forbidden|prohibited"
-        r"|restricted|danger|dangerous|hazard|obstacles?|obstructions?|islands?|islets?)\b"
-    ),
+    "no_go": re.compile(rf"\b({_KEEP_OUT}|{_OBJECTS})\b"),
     "start": re.compile(r"\b(start|launch)\b"),
     "recovery": re.compile(r"\b(recovery|rally|pick ?up|home)\b"),
     "shore": re.compile(r"\b(shore|shoreline|coastline)\b"),
     "area": re.compile(r"\b(area|survey|operating|boundary|perimeter|inclu(sion|sive|de|ded)|geofence)\b"),
 }
+#: Titles of documents that hold no-go areas and nothing else.
+_NO_GO_TITLE = re.compile(
+    rf"(?!.*\b(?:and|und|et|with|plus|survey|mission|operating|boundary|perimeter|inclu\w*|geofence)\b)"
+    rf"(?:.*\b(?:{_KEEP_OUT})\b.*|(?:{_OBJECTS}|hazards)(?: (?:zones?|areas?|polygons?))?(?: km[lz])?(?: \d+)?)"
+)
+
+
+def is_no_go_title(text: str) -> bool:
+    """Whether the title of a document states that it holds no-go areas only: lakes are called after islands."""
+    return _NO_GO_TITLE.fullmatch(words(text)) is not None
 
 
 def content_of(features: Sequence[Feature], where: str) -> AreaContent:

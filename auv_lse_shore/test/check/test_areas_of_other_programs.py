@@ -84,6 +84,27 @@ def test_a_folder_says_what_is_in_it(tmp_path):
     assert content.area_name == "Bay"
 
 
+@pytest.mark.parametrize(
+    "title", ["No-go zones", "nogo.kml", "Exclusion zones Lac Léman", "Keep-out areas 2025", "Islands"]
+)
+def test_the_title_of_a_document_of_no_go_areas_counts(tmp_path, title):
+    rocks = placemark("Rock", polygon(PIER)) + placemark("Shallows", polygon(LAKE[1:]))
+    content = read(tmp_path, document(f"<name>{title}</name>{rocks}"))
+    assert content.area is None
+    assert list(content.no_go) == ["rock", "shallows"]
+    content = read(tmp_path, document(f"<name>{title}</name>{placemark('survey area', polygon(LAKE))}{rocks}"))
+    assert content.area_name == "survey area"
+
+
+@pytest.mark.parametrize(
+    "title",
+    ["Island Lake", "Survey and no-go zones", "islands of the Untersee", "Danger Bay", "geofence, no-go", "Bay"],
+)
+def test_the_title_of_a_document_may_contain_words_of_no_go_areas(tmp_path, title):
+    content = read(tmp_path, document(f"<name>{title}</name>{placemark('Bay', polygon(LAKE))}"))
+    assert content.area_name == "Bay"
+
+
 def test_every_part_of_a_multigeometry_counts(tmp_path):
     content = read(
         tmp_path,
