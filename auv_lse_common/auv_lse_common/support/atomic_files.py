@@ -169,12 +169,15 @@ def check_file(path: Path, option: str) -> None:
         option: What named it, such as `--csv`.
 
     Raises:
-        ValueError: naming both: a folder in place of the file, or a folder that is missing or cannot be written.
+        ValueError: naming both: a folder or a loop of links in place of the file, or a folder that is missing or cannot
+            be written.
     """
     if path.is_dir():
         raise ValueError(f"{option} {path}: this is a folder; name a file in it")
     if path.exists() and not path.is_file():
         return
+    if path.is_symlink() and os.path.islink(os.path.realpath(path)):
+        raise ValueError(f"{option} {path}: this is a symbolic link that leads to itself; choose another name")
     folder = (path.resolve() if path.is_symlink() else path).parent
     if not folder.is_dir():
         raise ValueError(f"{option} {path}: there is no folder {folder}. Create it, or choose another")

@@ -219,6 +219,11 @@ def test_a_file_that_cannot_be_written_is_named_before_the_work(tmp_path: Path) 
     (tmp_path / "link").symlink_to("/nosuch/a.csv")
     with pytest.raises(ValueError, match=r"--csv .*/link: there is no folder /nosuch\. Create it"):
         check_file(tmp_path / "link", "--csv")
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(
+        ValueError, match=r"--csv .*/loop: this is a symbolic link that leads to itself; choose another"
+    ):
+        check_file(tmp_path / "loop", "--csv")
 
 
 def test_new_and_existing_files_links_and_devices_can_be_written(tmp_path: Path) -> None:

@@ -61,9 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with signals_raised(), _interrupts_as_such():
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # scripts/auv_lse blocks it until now
-            code = _run(words)
-            if sys.stdout is not None:  # it was closed before the start
-                sys.stdout.flush()
+            code = _run_and_flush(words)
         return 128 + first_signal() if code == _INTERRUPTED else code
     except KeyboardInterrupt as interrupt:
         if arguments is None:
@@ -80,13 +78,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not (problem := _output_problem(error)):
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = _report_first(error)
         _complain(f"error: standard output: {problem}. Send it elsewhere, or free space")
-        return 1
+        return code
     finally:
         sys.unraisablehook = report_dropped
         if arguments is None:
             _end_quietly()
         exec("")  # Ctrl-C within an evaluated string, caught or not, would make Python end by SIGINT; this clears it
+
+
+def _run_and_flush(words: Sequence[str]) -> int:
+    """As `_run`, with all output written at the end, also after the help of a verb; raises OSError if it cannot be."""
+    try:
+        return _run(words)
+    finally:
+        if sys.stdout is not None:  # it was closed before the start
+            sys.stdout.flush()
+
+
+def _report_first(problem: BaseException) -> int:
+    """Reports how a verb ended before its output could not be written; returns the exit code, 1 if all went well."""
+    error = problem.__context__
+    while error is not None:
+        if isinstance(error, (CommandError, MissingPackageError)):
+            _complain(f"error: {error}")
+            return 2
+        if isinstance(error, KeyboardInterrupt):
+            _complain(str(error) or "interrupted")
+            return 128 + first_signal()
+        if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code:
+            return error.code
+        error = error.__context__
+    return 1
 
 
 @contextlib.contextmanager
@@ -224,23 +248,33 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
     """Calls a verb's `run`.
 
     Raises:
-        CommandError: for one of the module's `ERRORS`.
+        CommandError: for one of the module's `ERRORS`, and a loop of symbolic links.
         KeyboardInterrupt: with the module's text.
         BrokenPipeError: if the reader of the output has ended, and the module's `ENDS_WITH_READER` is true.
     """
     try:
         with contextlib.nullcontext() if getattr(module, "ENDS_WITH_READER", False) else undisturbed():
-            return int(module.run(options) or 0)
-    except BrokenPipeError:  # no error of the verb, though its `ERRORS` may have OSError
-        raise
+            return _answered(module, options)
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):  # rich's console exits with 1
             raise end.__context__ from None
+        raise
+
+
+def _answered(module: ModuleType, options: argparse.Namespace) -> int:
+    """What a verb's `run` returns; see `_call`."""
+    try:
+        return int(module.run(options) or 0)
+    except BrokenPipeError:  # no error of the verb, though its `ERRORS` may have OSError
         raise
     except (ConfinementError, *getattr(module, "ERRORS", ())) as error:
         if isinstance(error, OSError) and _output_problem(error):
             raise
         raise CommandError(error_text(error)) from error
+    except RuntimeError as error:
+        if not (loop := re.fullmatch(r"Symlink loop from '(.*)'", str(error))):  # of Path.resolve() before Python 3.13
+            raise
+        raise CommandError(f"{loop[1]} is a symbolic link that leads to itself; choose another name") from error
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(str(interrupt) or getattr(module, "INTERRUPTED", "")) from None
 

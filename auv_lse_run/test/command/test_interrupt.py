@@ -329,6 +329,40 @@ def test_a_full_disk_behind_standard_output_is_named(
     assert process.returncode == 1
 
 
+@pytest.mark.parametrize(
+    ("end", "words", "code"),
+    [
+        ("raise ValueError('a.csv: 3 is wrong')", "error: a.csv: 3 is wrong\n", 2),
+        ("raise OSError(2, 'No such file', 'b.csv')", "error: b.csv: No such file\n", 2),
+        ("raise KeyboardInterrupt", "interrupted\n", 130),
+        ("raise SystemExit(2)", "", 2),
+    ],
+)
+def test_an_error_before_a_full_disk_behind_standard_output_is_reported_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, words: str, code: int
+) -> None:
+    monkeypatch.setenv("PYTHONUNBUFFERED", "")
+
+    def full_output() -> None:
+        os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
+
+    text = f"ERRORS = (ValueError, OSError)\n{run_of(f'print(1){chr(10)}{end}')}"
+    with start(tmp_path, text, prepare=full_output) as process:
+        _, found = process.communicate(timeout=30)
+    assert found == words + "error: standard output: No space left on device. Send it elsewhere, or free space\n"
+    assert process.returncode == code
+
+
+def test_a_loop_of_symbolic_links_is_an_error_of_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").symlink_to("a.csv")
+    text = f"import pathlib\npathlib.Path({str(tmp_path / 'a.csv')!r}).resolve().read_text()"
+    with start(tmp_path, "ERRORS = (OSError,)\n" + run_of(text)) as process:
+        _, found = process.communicate(timeout=30)
+    assert len(found.splitlines()) == 1
+    assert str(tmp_path / "a.csv") in found
+    assert process.returncode == 2
+
+
 def test_another_full_disk_is_not_standard_outputs(tmp_path: Path) -> None:
     text = "print('a line')\nraise OSError(28, 'No space left on device', 'map.tif')"
     with start(tmp_path, "ERRORS = (OSError,)\n" + run_of(text)) as process:
