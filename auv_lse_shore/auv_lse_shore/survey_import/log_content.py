@@ -21,8 +21,8 @@ NO_FIX = "positions without a fix"
 NO_POSITION = "positions at 0, 0"
 NOT_ON_EARTH = "positions that are not on earth"
 NO_ECHO = "depths of 0 or less: no echo"
-#: Share of negative depths from which their sign is a way of writing them.
-_NEGATIVE = 0.9
+#: Share of negative depths from which their sign is a way of writing them, and up to which they are missing echoes.
+_NEGATIVE, _FEW = 0.9, 0.05
 
 
 class Reference(Enum):
@@ -139,7 +139,13 @@ class LogContent:
     def downward(self, depths: Array) -> Array:
         """Depths (n,), positive down, also if the log writes nearly all of them as negative numbers."""
         known = depths[np.isfinite(depths)]
-        if not len(known) or (known < 0.0).mean() <= _NEGATIVE:
+        count = int((known < 0.0).sum())
+        if count <= _NEGATIVE * len(known):
+            if count > _FEW * len(known):
+                self.questions.append(
+                    f"{count:,} of {len(known):,} depths are negative, and left out. Positive ones are metres down: "
+                    "write all of them so"
+                )
             return depths
         self.notes.append("negative depths are taken as metres down")
         return -depths

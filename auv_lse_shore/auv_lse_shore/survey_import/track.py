@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.pings import period_of
 from auv_lse_common.vocabulary.sounding_gate import passing
+from auv_lse_gp.soundings import longitude_180
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError, SurveyLog
 
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
         kept = positions[_steady(times, north, east, logs[0].has_time)]
         if len(kept) >= LEAST_POSITIONS:  # fewer are a fallback: no piece is long enough
             break
-    return float(kept[0, 1]), float(kept[0, 2])
+    return float(kept[0, 1]), longitude_180(float(kept[0, 2]))
 
 
 def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> PlacedLog:

@@ -8,6 +8,8 @@ from adjust.survey_logs import START_S
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.survey_import.command import parser, user_facts
+from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.survey_log import LogError
 
 
@@ -325,3 +327,36 @@ def test_gon_are_converted_and_an_unknown_unit_of_an_angle_is_named(tmp_path):
     found = gathered(tmp_path, other)
     assert "column lat (mils) taken as degrees: the unit 'mils' is not understood" in found.lines[0]
     assert "lon (deg E) taken" not in found.lines[0]
+
+
+def test_longitudes_of_0_to_360_degrees_give_an_origin_that_a_mission_takes(tmp_path):
+    data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o + 260.0:.8f},{d:.3f},{utc(t)}")
+    path = tmp_path / "west.csv"
+    path.write_text(data)
+    options = parser().parse_args([str(path)])
+    assert gather(options.logs, user_facts(options)).origin == pytest.approx((46.5, -93.4), abs=0.01)
+
+
+@pytest.mark.parametrize(("every", "asks"), [(2, True), (40, False)])
+def test_depths_of_both_signs_are_a_question(tmp_path, every, asks):
+    data = lines(
+        "lat,lon,depth,utc",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d if (t - START_S) % every else -d:.3f},{utc(t)}",
+    )
+    found = gathered(tmp_path, data)
+    assert asks == ("of 120 depths are negative, and left out" in "\n".join(found.lines))
+
+
+@pytest.mark.parametrize(
+    "cell", ['"{a:.7f}, {o:.7f}"', '"POINT ({o:.6f} {a:.6f})"', "N{a:.6f} E{o:.6f}", '"{a:.6f}N {o:.6f}E"']
+)
+def test_latitude_and_longitude_in_one_cell_are_named(tmp_path, cell):
+    data = lines("position,depth,time", lambda t, a, o, d: f"{cell.format(a=a, o=o)},{d:.2f},{utc(t)}")
+    with pytest.raises(LogError, match="Latitude and longitude are in one cell: write them into columns lat and lon"):
+        gathered(tmp_path, data)
+
+
+def test_what_stands_between_blocks_is_no_time_without_a_zone(tmp_path):
+    header, *rows = lines("time,lat,lon,depth", lambda t, a, o, d: f"{utc(t)}Z,{a:.8f},{o:.8f},{d:.3f}").splitlines()
+    found = gathered(tmp_path, "\n".join([header, *rows[:60], "* begin: again", "begin: again", header, *rows[60:]]))
+    checked(found)

@@ -142,6 +142,8 @@ _PARTS = {
 }  # fmt: skip
 #: A line that begins with a name and has no decimals.
 _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)[\"']?[^\W\d][^\r\n\0]{,5000}", re.MULTILINE)
+#: A number with at least three decimals, as degrees have.
+_DECIMALS = re.compile(r"\d[.,]\d{3,}")
 _ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
@@ -272,6 +274,8 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
         return named_columns(guess)
     if is_complete(named_columns(guess)):
         cure = f"By their values they look like: --columns {','.join(guess)}"
+    elif _has_positions(dialect.sample):
+        cure = "Latitude and longitude are in one cell: write them into columns lat and lon"
     else:
         cure = "Name them with --columns, such as --columns lat,lon,depth,time, and - for one to skip"
     if dialect.header:
@@ -279,6 +283,12 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     else:
         what = f"has no header; its first row is {', '.join(dialect.sample[0] if dialect.sample else [])[:120]}"
     raise LogError(f"{path} {what}. {cure}.")
+
+
+def _has_positions(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether a column has latitude and longitude in one cell."""
+    cells = [[cell for cell in row if len(_DECIMALS.findall(cell)) == 2] for row in rows]
+    return 2 * sum(1 for row in cells if len(row) == 1) > len(rows)
 
 
 def _of_a_vehicle_under_water(columns: dict[str, Column]) -> dict[str, Column]:

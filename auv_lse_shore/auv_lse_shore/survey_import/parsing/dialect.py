@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 #: Lines from which the dialect is found.
 SAMPLE = 200
 _DELIMITERS = (",", ";", "\t", "|", " ")
-_COMMENTS = ("#", "//", "%", "!", "'", ";;")
+_COMMENTS = ("#", "//", "%", "!", "'", ";;", "*")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")

@@ -74,7 +74,7 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
     if np.isfinite(of_day_s(sample)).mean() > 0.5:
         clock = of_day_s(texts)
-        _check_zones(texts, zoned_of(texts), column, date_of or column, table.path)
+        _check_zones(texts, clock, zoned_of(texts), column, date_of or column, table.path)
         day, assumed = days(table.values["date"].tolist() if date_of else [], options.day_first)
         if date_of is None or not np.isfinite(day).any():
             if date_of is not None:
@@ -88,7 +88,7 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
         has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
     else:
         stamps, zoned, assumed = datetimes(texts, options.day_first)
-        _check_zones(texts, zoned, column, column, table.path)
+        _check_zones(texts, stamps, zoned, column, column, table.path)
         has_zone = bool(zoned)
         if not np.isfinite(stamps).mean() > 0.5:
             return None
@@ -119,8 +119,10 @@ def _past_midnight(clock: Array, day: Array, date_of: Column, content: LogConten
     return dates
 
 
-def _check_zones(texts: Sequence[str], zoned: Sequence[str], column: Column, date_of: Column, path: Path) -> None:
-    """Checks that all times state a zone, or none, unless the header does.
+def _check_zones(
+    texts: Sequence[str], times: Array, zoned: Sequence[str], column: Column, date_of: Column, path: Path
+) -> None:
+    """Checks that all texts (n,) that are times (n,) state a zone, or none, unless the header does.
 
     Raises:
         LogError: if only some do.
@@ -128,7 +130,7 @@ def _check_zones(texts: Sequence[str], zoned: Sequence[str], column: Column, dat
     names = f"{column.name} {date_of.name}".lower()
     if not zoned or len(zoned) == len(texts) or "utc" in names or "gmt" in names:
         return
-    count = sum(1 for text in texts if ":" in text)
+    count = sum(1 for text, time in zip(texts, times.tolist(), strict=True) if ":" in text and time == time)
     if len(zoned) < count:
         raise LogError(
             f"{path}: {len(zoned)} of {count} times in column {column.name} state a zone, such as {zoned[0][:40]!r}, "
