@@ -6,7 +6,8 @@ import pytest
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, OnlineGp, read_soundings
-from auv_lse_gp.soundings import SoundingsError, local_positions, read_soundings_and_origin, read_table
+from auv_lse_gp.soundings import local_positions, read_soundings_and_origin
+from auv_lse_gp.soundings_table import SoundingsError, read_table
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])

@@ -17,7 +17,8 @@ from auv_lse_common.mission_file.parameter_file import read_parameter_file, read
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.support.input_bounds import MAX_CORNERS, MAX_SOUNDINGS, MAX_TEXT_BYTES, MAX_YAML_BYTES
-from auv_lse_gp.soundings import SoundingsError, read_soundings
+from auv_lse_gp.soundings import read_soundings
+from auv_lse_gp.soundings_table import SoundingsError
 from auv_lse_record.recording import Recording, RecordingError
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground

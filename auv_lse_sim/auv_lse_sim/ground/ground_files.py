@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_gp.soundings import SoundingsError
+from auv_lse_gp.soundings_table import SoundingsError
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
 from auv_lse_sim.ground.gdal_ground import is_raster_file, read_gdal_ground
 from auv_lse_sim.ground.grid_ground import GridGround, checked_origin

@@ -16,7 +16,8 @@ from scipy.spatial import QhullError, cKDTree
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
-from auv_lse_gp.soundings import FAR_M, is_far, local_positions, read_table
+from auv_lse_gp.soundings import FAR_M, is_far, local_positions
+from auv_lse_gp.soundings_table import read_table
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
 from auv_lse_sim.ground.ground import GroundError
