@@ -86,10 +86,14 @@ def read_soundings(path: Path) -> Array:
     return soundings
 
 
-def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | None]:
+def read_soundings_and_origin(path: Path, notes: list[str] | None = None) -> tuple[Array, tuple[float, float] | None]:
     """Soundings (n, 3): north, east, depth (m), and their local origin (WGS84, deg).
 
     The origin is the middle of the soundings; None for a file in metres. Elevations count from the water surface.
+
+    Args:
+        path: The table or grid.
+        notes: Takes remarks for the user on what was not read.
 
     Raises:
         OSError: if the file cannot be read.
@@ -105,6 +109,8 @@ def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | 
         depth = -grid.values[known] if grid.upward else grid.values[known]
         return np.column_stack([grid.north_m[rows], grid.east_m[columns], depth]), None
     table = read_table(path)
+    if notes is not None and table.unused_note:
+        notes.append(table.unused_note)
     positions = local_positions(table)
     depth = -table.values if table.upward else table.values
     return np.column_stack(

@@ -1,9 +1,9 @@
 """Reads tables of soundings (CSV).
 
-A table has a header and rows with fields separated by comma, semicolon, tab or blanks. Lines that begin with # and
-columns with other names are ignored. Positions are in metres (north_m, east_m, or northing, easting), in degrees (lat,
-lon), or both. Depths are depth_m, positive down, or elevation_m, positive up. A column of units, such as depth_unit,
-counts for depths whose name has none.
+A table has a header and rows with fields separated by comma, semicolon, tab or blanks. Lines that begin with # are
+comments, and columns with other names are listed as not used. Positions are in metres (north_m, east_m, or northing,
+easting), in degrees (lat, lon), or both. Depths are depth_m, positive down, or elevation_m, positive up. A column of
+units, such as depth_unit, counts for depths whose name has none.
 """
 
 from __future__ import annotations
@@ -37,6 +37,12 @@ _UNCERTAINTIES = ("north_std", "east_std", "tvu")
 #: Columns of hemispheres, which are not read: without them, a survey in the south would lie in the north.
 _HEMISPHERES = ("n/s", "e/w", "ns", "ew", "lat_dir", "lon_dir", "lat_hemisphere", "lon_hemisphere")
 
+#: Columns of this project's own tables for other programs.
+_OF_EXPORT = ("thu_m", "s44_order", "latitude_deg", "longitude_deg", "time_s", "")
+
+#: The most columns that are listed as not used.
+_MOST_LISTED = 8
+
 _NEEDED_COLUMNS = (
     "east_m,north_m,depth_m (or easting, northing) or lat,lon,depth_m (elevation_m instead of depth_m for values that "
     "are positive up)"
@@ -63,6 +69,7 @@ class SoundingsTable:
         position_std_m: Standard deviations of the positions north and east (m), (n, 2), NaN where a field is empty, if
             the table has north_std_m and east_std_m.
         tvu_m: Total vertical uncertainty at 95 % (m), NaN where a field is empty, if the table has it.
+        unused: Names of columns that are not read, without those that this project writes for others.
     """
 
     path: Path
@@ -78,6 +85,14 @@ class SoundingsTable:
     vehicles: NDArray[np.str_] | None = None
     position_std_m: Array | None = None
     tvu_m: Array | None = None
+    unused: tuple[str, ...] = ()
+
+    @property
+    def unused_note(self) -> str:
+        """The columns that are not read, in words; "" without any."""
+        more = f" and {len(self.unused) - _MOST_LISTED} more" if len(self.unused) > _MOST_LISTED else ""
+        names = ", ".join(name[:40] for name in self.unused[:_MOST_LISTED])
+        return f"columns not used: {names}{more}" if names else ""
 
 
 def read_table(path: Path) -> SoundingsTable:
@@ -159,6 +174,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         if "north_std" not in arrays
         else np.column_stack([arrays["north_std"], arrays["east_std"]]),
         tvu_m=arrays.get("tvu"),
+        unused=tuple(n for i, n in enumerate(header) if n not in _OF_EXPORT and i not in {*indices.values(), *texts}),
     )
 
 
@@ -224,7 +240,10 @@ def _columns(header: list[str], where: str) -> dict[str, int]:
     indices = {key: index for key, index in wanted.items() if index is not None}
     if "depth" not in indices or not {"north", "lat"} & set(indices):
         shown = ", ".join(name[:40] for name in header[:30])
-        raise SoundingsError(f"{where}: the columns {shown} are not enough; needed are {_NEEDED_COLUMNS}")
+        raise SoundingsError(
+            f"{where}: the columns {shown} are not enough; needed are {_NEEDED_COLUMNS}. auv_lse import makes such a "
+            "table of many others"
+        )
     return indices
 
 

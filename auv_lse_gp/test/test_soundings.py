@@ -227,3 +227,13 @@ def test_units_that_are_not_clear_are_refused(tmp_path, names, rows, message):
     path.write_text(f"{HEADER},{names}\n" + "".join(f"1,2,{row}\n" for row in rows))
     with pytest.raises(SoundingsError, match=message + ".*metres"):
         read_soundings(path)
+
+
+def test_columns_that_are_not_read_are_listed(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("east_m,north_m,depth_m,s44_order,altitude,depth_unit\n1,2,3,special,2.0,m\n")
+    notes: list[str] = []
+    read_soundings_and_origin(path, notes)
+    assert notes == ["columns not used: altitude"]
+    path.write_text("east_m,north_m,depth_m\n1,2,3\n")
+    assert read_table(path).unused_note == ""

@@ -53,14 +53,18 @@ def recorded_soundings(path: Path) -> Array:
     return finite
 
 
-def read(path: Path) -> tuple[Array, tuple[float, float] | None]:
+def read(path: Path, notes: list[str] | None = None) -> tuple[Array, tuple[float, float] | None]:
     """Soundings (n, 3) of a table, a grid, or a recorded run; and, if the source has lat, lon, the local origin (deg).
+
+    Args:
+        path: The source.
+        notes: Takes remarks for the user.
 
     Raises:
         OSError: if it cannot be read.
         ValueError: naming what was expected.
     """
-    return (recorded_soundings(path), None) if path.is_dir() else read_soundings_and_origin(path)
+    return (recorded_soundings(path), None) if path.is_dir() else read_soundings_and_origin(path, notes)
 
 
 def report(result: Fit) -> str:
@@ -185,7 +189,9 @@ def parser() -> argparse.ArgumentParser:
 
 def _fitted(options: argparse.Namespace) -> tuple[list[Fit], Array, str]:
     """The fits of all wanted kernels, the positions (n, 2) that they used, and what was made of lat, lon."""
-    soundings, origin = read(options.source)
+    notes: list[str] = []
+    soundings, origin = read(options.source, notes)
+    print(*notes, sep="\n", end="\n" if notes else "")
     where = ""
     if origin is not None:
         where = f"lat, lon taken as metres north and east of their middle, {origin[0]:.6f}, {origin[1]:.6f} deg"

@@ -51,7 +51,7 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
             f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m is deeper than {DEEPEST_M:g} m; depths must be in "
             "metres"
         )
-    notes_on_depth = f"{counted(len(depth), 'sounding')}, {sign_note}"
+    notes_on_depth = "; ".join(filter(None, [f"{counted(len(depth), 'sounding')}, {sign_note}", table.unused_note]))
     locations = local_positions(table, origin)
     north, east = locations.north_m, locations.east_m
     if locations.from_degrees:

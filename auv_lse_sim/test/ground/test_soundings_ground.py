@@ -30,7 +30,9 @@ def test_soundings_with_comments_other_columns_and_repeats(tmp_path):
         if i % 50 == 0:  # a spike among repeats at one location: the median keeps it out
             lines += [f"L{i},{row[0]},{row[1]},{row[2]},x", "", f"L{i},{row[0]},{row[1]},{row[2] + 30},spike"]
     path.write_text("\n".join(lines))
-    check_bottom(load_ground(path))
+    ground = load_ground(path)
+    check_bottom(ground)
+    assert "columns not used: line, quality;" in ground.describe()
 
 
 @pytest.mark.parametrize(("name", "header"), [("s.csv", ["lon", "lat", "depth_m"]), ("depth.xyz", None)])
