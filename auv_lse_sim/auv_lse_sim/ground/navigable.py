@@ -213,6 +213,11 @@ def rasterize(area: AreaConfig, ground: Ground, limit_m: float) -> Raster:
 def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_by: str) -> tuple[Settings, list[str]]:
     area, step = settings.area, raster.step_m
     wanted_m2, free = float(raster.wanted.sum()) * step**2, raster.free
+    if area.no_go and not raster.wanted.any():
+        raise GroundError(
+            f"area: the no-go areas {', '.join(area.no_go)} cover all of {wanted_by}. Make them smaller, or choose "
+            "another area"
+        )
     if not free.any():
         raise GroundError(
             f"area: {wanted_by} ({wanted_m2 / 1e4:.1f} ha) has no known water of {limit_m:g} m or more (deepest "

@@ -142,6 +142,12 @@ def test_an_area_without_navigable_water_is_an_error(function, match):
         fit_to_ground(settings(), ground(function))
 
 
+def test_no_go_areas_that_cover_the_area_are_named():
+    whole = [-100.0, -100.0, 600.0, -100.0, 600.0, 600.0, -100.0, 600.0]
+    with pytest.raises(GroundError, match="the no-go areas wreck cover all of"):
+        fit_to_ground(settings(**{"area.no_go": {"wreck": whole}}), ground(lambda n, e: 20.0 + 0.0 * n))
+
+
 def test_an_area_without_the_isobath_is_reported():
     def coverage(function, **overrides):
         return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("level:")]
