@@ -528,3 +528,47 @@ def test_times_of_which_only_some_state_a_zone_are_refused(tmp_path, header, for
         gather([path], UserFacts())
     path.write_text("\n".join(line.replace(zone, "") for line in lines))
     assert len(gather([path], UserFacts()).placed[0].soundings) == 40
+
+
+@pytest.mark.parametrize(
+    ("header", "form"),
+    [
+        ("year,month,day,hour,minute,second", "%Y,%m,%d,%H,%M,%S"),
+        ("Year,Month,Day,Hours,Minutes,Seconds", "%Y,%m,%d,%H,%M,%S.0"),
+        ("date,time,AM/PM", "%Y-%m-%d,%I:%M:%S,%p"),
+        ("time,ampm", "%m/%d/%Y %I:%M:%S,%p"),
+    ],
+)
+def test_times_in_several_columns_are_put_together(tmp_path, header, form):
+    def row(t, a, o, d):
+        return f"{utc(t + 43_200.0, form)},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines(f"{header},lat,lon,depth", row))
+    checked(found, starts=START_S + 43_200.0)
+    assert "not used" not in found.lines[0]
+
+
+def test_parts_of_a_date_beside_a_whole_one_are_not_used(tmp_path):
+    data = lines(
+        "utc,year,month,day,seconds,lat,lon,depth",
+        lambda t, a, o, d: f"{utc(t)},1999,{utc(t, '%m,%d')},{t % 60:.0f},{a:.8f},{o:.8f},{d:.3f}",
+    )
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert "columns not used: year, month, seconds;" in found.lines[0]
+
+
+def test_typographic_minus_signs_mean_depths_and_boots(tmp_path):
+    data = lines(
+        "time_boot_ms,lat,lon,depth_mean,depth_min",
+        lambda t, a, o, d: f"{1000 * (t - START_S):.0f},\u2212{a:.8f},\u2212{o:.8f},{d:.3f},{d - 1.0:.3f}",
+    )
+    found = gathered(tmp_path, data, "--origin", "-46.5", "-6.6", "--date", utc(START_S) + "Z")
+    assert len(found.placed[0].soundings) == 120
+    assert found.placed[0].soundings[0, 0] == pytest.approx(START_S)
+
+
+def test_positions_that_are_no_angles_are_shown(tmp_path):
+    data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"S{a:.0f}-{t % 60:.3f},W{o:.0f}-1.5,{d:.3f},{utc(t)}")
+    with pytest.raises(LogError, match=r"its positions are no numbers and no angles, such as 'S46-.*46 30\.5 S"):
+        gathered(tmp_path, data)

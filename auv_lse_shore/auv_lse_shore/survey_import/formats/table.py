@@ -44,7 +44,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         LogError: if its columns are not known, with a proposal.
         OSError: if it cannot be read.
     """
-    text = file.text
+    text = file.text.replace("\u2212", "-")  # a typographic minus
     dialect = dialect_of(text[: tv.SAMPLE_LETTERS])
     if dialect is None:
         raise LogError(f"{file.path} has no columns of numbers.")
@@ -82,6 +82,9 @@ def _contents(
     )
     if np.isnan(table.values[depth := depth_role(columns)]).all():
         tv.refuse_units(file.path, next(columns_of(text, dialect, [columns[depth].number]))[0])
+    for role in ("lat", "lon"):
+        if role in columns and np.isnan(table.values[role]).all():
+            tv.refuse_angles(file.path, next(columns_of(text, dialect, [columns[role].number]))[0])
     shared = LogContent(file.path.name)
     rows = tv.rows_of(table, options, shared)
     if not options.columns and (unused := unused_columns(dialect.header, columns)):

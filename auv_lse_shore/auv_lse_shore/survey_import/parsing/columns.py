@@ -94,6 +94,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "depthbelowtransducer", "depthtransducer", "depthraw", "rawdepth", "dbt", "dpt", "tiefe", "wassertiefe",
         "profondeur", "profundidad", "profondita", "profundidade", "diepte", "dybde", "djup", "glebokosc", "hloubka",
         "depthbelowkeel", "dbk", "depth1", "glubina",
+        "depthmean", "meandepth", "depthavg", "avgdepth", "averagedepth", "depthmedian", "mediandepth",
     ),
     "own_depth": (
         "vehicledepth", "owndepth", "rovdepth", "auvdepth", "subdepth", "depthvehicle", "depthrov", "depthauv",
@@ -103,7 +104,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "heightaboveseafloor", "heightaboveseabed", "altitudeaboveseabed", "distancetobottom", "bottomdistance",
         "rangetobottom", "dvlaltitude", "altimeter",
     ),
-    "altitude": ("altitude", "alt"),
+    "altitude": ("altitude", "alt", "rangefinder", "rangefinderdistance"),
     "depth_unit": UNIT_NAMES,
     "elevation": (
         "elevation", "elev", "bedelevation", "bottomelevation", "lakebedelevation", "bedlevel", "bottomlevel",
@@ -113,8 +114,15 @@ ROLES: dict[str, tuple[str, ...]] = {
         "datetime", "datetimeutc", "utcdatetime", "timestamp", "timeutc", "utctime", "timestamputc", "time", "caltime",
         "gpstime", "utc", "gmt", "recordedat", "createdat", "epoch", "unixtime", "unix", "unixtimestamp", "epochtime",
         "posixtime", "datumzeit", "zeitstempel", "fechahora", "horodatage", "datetimelocal", "localtime", "times",
-        "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime",
+        "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime", "timeboot",
+        "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed",
     ),
+    "half_day": ("ampm", "pmam"),
+    "year": ("year", "yyyy"),
+    "month": ("month",),
+    "hour": ("hour", "hours", "hh"),
+    "minute": ("minute", "minutes"),
+    "second": ("second", "seconds", "sec"),
     "date": ("date", "utcdate", "dateutc", "gpsdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato"),
     "quality": (
         "confidence", "quality", "signalquality", "depthquality", "pingconfidence", "depthconfidence", "pingquality",
@@ -151,6 +159,8 @@ _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
 _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
 DEPTHS = ("depth", "elevation", "z")
+#: Roles of times in columns of their own, beside the day's.
+DATE_PARTS = ("year", "month", "hour", "minute", "second")
 
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
@@ -231,11 +241,17 @@ def depth_role(columns: Container[str]) -> str:
     return next(role for role in DEPTHS if role in columns)
 
 
+def has_date_parts(columns: Container[str]) -> bool:
+    """Whether times are in columns of years, months, days and so on."""
+    return "datetime" not in columns and all(role in columns for role in ("year", "month", "date"))
+
+
 def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[str]:
     """Names of a header's columns that are not used: unknown ones, and further positions and depths."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
-    further.add("altitude")
+    further |= {"altitude"} | ({*DATE_PARTS} if not has_date_parts(columns) else set())
+    further |= set() if "datetime" in columns else {"half_day"}
     used = {
         column.number
         for role, column in columns.items()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from auv_lse_gp.length_units import factor_of
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.columns import Column, Table, first_of
+from auv_lse_shore.survey_import.parsing.columns import Column, Table, first_of, has_date_parts
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import (
     UTC_FROM_S,
@@ -41,7 +41,9 @@ def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
     options.used.add("day_first")
     order = (Clock.UTC, Clock.LOCAL, Clock.DAY, Clock.ELAPSED)
     candidates = [role for role in table.columns if role.startswith("datetime")]
-    for role in candidates or ["date"] * ("date" in table.columns):
+    if has_date_parts(table.columns):
+        best = _from_parts(table)
+    for role in candidates or ["date"] * ("date" in table.columns and best is None):
         found = _time(table, role, options, content)
         if found and (best is None or order.index(found[0]) < order.index(best[0])):
             best = found
@@ -62,6 +64,9 @@ def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
 def _time(table: Table, role: str, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
     """A column of times with its clock; None if it holds none."""
     column, texts = table.columns[role], table.values[role].tolist()
+    if "half_day" in table.columns:
+        halves = table.values["half_day"].tolist()
+        texts = [f"{text} {half}" if ":" in text else text for text, half in zip(texts, halves, strict=True)]
     first = next((text for text in texts if text.strip()), "")
     if not first:
         return None
@@ -96,6 +101,18 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     if assumed:
         content.notes.append("it is unclear whether dates begin with the day or the month: see --day-first")
     return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
+
+
+def _from_parts(table: Table) -> tuple[Clock, Array] | None:
+    """Times from columns of years, months, days, hours, minutes and seconds; None if they hold none."""
+    day = numbers_of(table.values["date"].tolist(), table.decimal_comma)
+    ymd = [np.nan_to_num(part, nan=-1.0) for part in (table.values["year"], table.values["month"], day)]
+    dates = [f"{year:.0f}-{month:.0f}-{of_month:.0f}" for year, month, of_month in zip(*ymd, strict=True)]
+    stamps, _ = days(dates, None)
+    for role, unit_s in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
+        stamps = stamps + unit_s * table.values.get(role, 0.0)
+    is_utc = any("utc" in column.name.lower() for column in table.columns.values())
+    return ((Clock.UTC if is_utc else Clock.LOCAL), stamps) if np.isfinite(stamps).any() else None
 
 
 def _past_midnight(clock: Array, day: Array, date_of: Column, content: LogContent) -> Array:

@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 #: Letters from which a table's dialect is found.
 SAMPLE_LETTERS = 100_000
 #: Beginnings of the roles whose cells stay text.
-TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit")
+TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day")
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
 #: More names than these in a column of vehicles, or of sounders, number something else.
@@ -115,6 +115,20 @@ def refuse_units(path: Path, cells: Sequence[str]) -> None:
         raise LogError(
             f"{path}: its depths are no numbers, such as {written[0]!r}. Leave only the numbers in the cells, and "
             "put their unit into the header, such as depth_ft, or into --depth-unit."
+        )
+
+
+def refuse_angles(path: Path, cells: Sequence[str]) -> None:
+    """Refuses a table whose cells of an angle hold digits, and none of them is a number or an angle.
+
+    Raises:
+        LogError: showing a cell.
+    """
+    written = next((cell.strip() for cell in cells if re.search(r"\d", cell)), "")
+    if written:
+        raise LogError(
+            f"{path}: its positions are no numbers and no angles, such as {written[:40]!r}. Write degrees, such as "
+            "-46.5083, or 46 30.5 S."
         )
 
 
