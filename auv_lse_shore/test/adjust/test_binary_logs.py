@@ -209,6 +209,15 @@ def test_the_unit_that_a_log_states_beside_its_depths_counts(tmp_path, name):
     assert "depths in ft, 0.3048 m" in "\n".join(gathered(feet).lines)
 
 
+def test_depths_in_the_extensions_of_a_humminbird_are_centimetres(tmp_path):
+    own, metres = tmp_path / "own.gpx", tmp_path / "a.gpx"
+    text = gpx(ROWS * [1.0, 1.0, 1.0, 100.0]).decode().replace("gpxtpx:depth", "h:depth")
+    own.write_text(text.replace("<gpx ", '<gpx xmlns:h="http://www.humminbird.com" '))
+    metres.write_bytes(gpx(ROWS))
+    (found,), (expected,) = gathered(own).placed, gathered(metres).placed
+    assert found.soundings[:, 3] == pytest.approx(expected.soundings[:, 3], abs=1e-3)
+
+
 @pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])
 def test_negative_depths_are_metres_down(tmp_path, name):
     negative, metres = tmp_path / f"negative{name[1:]}", tmp_path / name

@@ -229,6 +229,9 @@ def test_dates_with_weekdays_months_in_words_and_days_of_the_year(tmp_path, form
         '"%a, %d %b %Y %H:%M:%S GMT"',
         '"%a, %d %b %Y %H:%M:%S +0000"',
         "%Y-%jT%H:%M:%SZ",
+        "%Y%m%dT%H%M%SZ",
+        "%Y%m%dT%H%M%S.000+00:00",
+        "%Y%m%d_%H%M%SZ",
     ],
 )
 def test_moments_as_mail_and_unix_write_them(tmp_path, form):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.user_error import brief
-from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
+from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import datetimes
 from auv_lse_shore.survey_import.parsing.units import StatedUnits
@@ -75,7 +75,8 @@ class _Points:
         name = self._names.setdefault(tag, tag.rpartition("}")[2])
         if name in self.rows:
             self._point = attributes
-        self._factor = self.units.factor(attributes) if name.lower() in _DEPTHS else self._factor
+        if name.lower() in _DEPTHS:  # Humminbird's own are centimetres
+            self._factor = self.units.factor({"unit": "cm"} if "humminbird" in tag.lower() else attributes)
         self._text = []
 
     def data(self, text: str) -> None:
@@ -111,11 +112,9 @@ def _fill(content: LogContent, stamps: list[str], rows: NDArray[np.float64]) -> 
     timeless = ~np.isfinite(times)
     content.left_out["points without a time"] += int(timeless.sum())
     content.add_positions("points", np.column_stack([times, rows[:, :2]])[~timeless])
-    with_depth = ~timeless & np.isfinite(rows[:, 2])
-    if content.clock is Clock.NONE:
-        with_depth &= (rows[:, :2] != 0.0).any(axis=1)
-    depths = content.downward(rows[:, 2])
-    content.add_depths("depth", np.column_stack([times, depths, np.full(len(rows), np.nan)])[with_depth])
-    for sounder in content.sounders.values():
-        sounder.reference = Reference.SURFACE
+    is_there = (rows[:, :2] != 0.0).any(axis=1) | (content.clock is not Clock.NONE)
+    with_depth = ~timeless & np.isfinite(rows[:, 2]) & is_there
+    pings = np.column_stack([times, content.downward(rows[:, 2]), np.full(len(rows), np.nan)])
+    content.sounders["depth"] = Sounder(reference=Reference.SURFACE)
+    content.add_depths("depth", pings[with_depth])
     content.lag_std_s = 0.5

@@ -14,7 +14,6 @@ from auv_lse_shore.survey_import.parsing.columns import (
     Column,
     Table,
     columns_for,
-    depth_role,
     other_header,
     unused_columns,
 )
@@ -80,11 +79,7 @@ def _contents(
         values={role: np.concatenate(arrays) for role, arrays in parts.items()},
         decimal_comma=dialect.decimal_comma,
     )
-    if np.isnan(table.values[depth := depth_role(columns)]).all():
-        tv.refuse_units(file.path, next(columns_of(text, dialect, [columns[depth].number]))[0])
-    for role in ("lat", "lon"):
-        if role in columns and np.isnan(table.values[role]).all():
-            tv.refuse_angles(file.path, next(columns_of(text, dialect, [columns[role].number]))[0])
+    tv.refuse_unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     shared = LogContent(file.path.name)
     rows = tv.rows_of(table, options, shared)
     if not options.columns and (unused := unused_columns(dialect.header, columns)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -104,32 +104,32 @@ def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) 
     return numbers
 
 
-def refuse_units(path: Path, cells: Sequence[str]) -> None:
-    """Refuses a table without a depth that is a number, if its cells of depths begin with numbers.
+def refuse_unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) -> None:
+    """Refuses a table with a column of depths or angles in which no cell is a number, but which begins with digits.
+
+    Args:
+        table: The table.
+        cells_of: The first cells of a column as texts, by its number.
 
     Raises:
         LogError: showing a cell.
     """
-    written = [cell.strip() for cell in cells if cell.strip()]
-    if written and all(re.match(r"[+-]?[.,]?\d.*[^\d.,]", cell) for cell in written):
-        raise LogError(
-            f"{path}: its depths are no numbers, such as {written[0]!r}. Leave only the numbers in the cells, and "
-            "put their unit into the header, such as depth_ft, or into --depth-unit."
-        )
-
-
-def refuse_angles(path: Path, cells: Sequence[str]) -> None:
-    """Refuses a table whose cells of an angle hold digits, and none of them is a number or an angle.
-
-    Raises:
-        LogError: showing a cell.
-    """
-    written = next((cell.strip() for cell in cells if re.search(r"\d", cell)), "")
-    if written:
-        raise LogError(
-            f"{path}: its positions are no numbers and no angles, such as {written[:40]!r}. Write degrees, such as "
-            "-46.5083, or 46 30.5 S."
-        )
+    depth = depth_role(table.columns)
+    for role in (depth, "lat", "lon"):
+        column = table.columns.get(role)
+        if column is None or not np.isnan(table.values[role]).all():
+            continue
+        written = [cell.strip() for cell in cells_of(column.number) if cell.strip()]
+        if role == depth and written and all(re.match(r"[+-]?[.,]?\d.*[^\d.,]", cell) for cell in written):
+            raise LogError(
+                f"{table.path}: its depths are no numbers, such as {written[0]!r}. Leave only the numbers in the "
+                "cells, and put their unit into the header, such as depth_ft, or into --depth-unit."
+            )
+        if role != depth and (wrong := next((cell for cell in written if re.search(r"\d", cell)), "")):
+            raise LogError(
+                f"{table.path}: its positions are no numbers and no angles, such as {wrong[:40]!r}. Write degrees, "
+                "such as -46.5083, or 46 30.5 S."
+            )
 
 
 def _in_units_of(table: Table, names: Sequence[str], positions: Array, unit_m: float) -> Array:

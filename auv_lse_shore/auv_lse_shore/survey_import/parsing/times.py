@@ -25,6 +25,8 @@ _OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[M
 _SIX_DIGITS = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
+#: ISO 8601 without signs: 20250614T100000Z.
+_COMPACT = re.compile(r"\s*(\d{8})T?[ _]?(\d{2})(\d{2})(\d{2}(?:\.\d*)?)(\s*(?:Z|[+-]\d{2}(?::?\d{2})?)?)$")
 #: A year and the day in it, as in 2025-165.
 _YEAR_DAY = re.compile(r"(\d{4})-?(\d{3})$")
 #: Months by the beginnings of their English, German, French, Spanish and Italian names.
@@ -106,7 +108,9 @@ def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
 
 
 def _with_numbers(text: str) -> str:
-    """A text whose date has a month's name with year, month and day as numbers instead; others as they are."""
+    """A text whose date has a month's name, or no signs, with numbers and signs instead; others as they are."""
+    if match := _COMPACT.match(text):
+        return f"{match[1]} {match[2]}:{match[3]}:{match[4]}{match[5]}"
     if match := _YEAR_AT_END.match(text):
         name, day, rest, year = match.groups()
         rest = f" {rest}"
