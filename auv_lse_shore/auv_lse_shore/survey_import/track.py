@@ -39,6 +39,8 @@ COURSE_M = 2.0
 EVERY_S = 1.0
 #: Positions farther than this (m) from the origin are of another survey, or wrong.
 FARTHEST_M = 200_000.0
+#: Share of positions between two that are near each other and far from it, from which a log holds two boats.
+_SWINGS = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,6 +166,8 @@ def _track(
     near = known & (np.abs(north) < FARTHEST_M) & (np.abs(east) < FARTHEST_M)
     left_out[f"positions farther than {FARTHEST_M / 1000.0:g} km from the origin"] += int((known & ~near).sum())
     known = near & (times >= times[0] + how.start_s) & (times <= times[0] + how.end_s)
+    if log.has_time:
+        _check_one_boat(log.name, times[known], north[known], east[known])
     steady = _steady(times, north, east, log.has_time)
     left_out["positions that jump"] += int((known & ~steady).sum())
     chosen = np.flatnonzero(known & steady)
@@ -183,6 +187,23 @@ def _track(
     if len(log.immersion):
         immersion = np.interp(times, log.immersion[:, 0], log.immersion[:, 1])
     return chosen, times, np.column_stack([north, east, _course(north, east), immersion])
+
+
+def _check_one_boat(name: str, times: Array, north: Array, east: Array) -> None:
+    """Checks that positions (n,) do not swing between two boats, as in joined logs of the same time.
+
+    Raises:
+        LogError: naming how far they are apart.
+    """
+    if len(times) < LEAST_POSITIONS:
+        return
+    reach_m = [np.hypot(north[k:] - north[:-k], east[k:] - east[:-k]) for k in (1, 2)]
+    far, off = (m > MAX_SPEED_MPS * (times[k:] - times[:-k]) + JUMP_M for k, m in enumerate(reach_m, 1))
+    if (far[:-1] & far[1:] & ~off).mean() > _SWINGS:
+        raise LogError(
+            f"{name}: its positions swing to and fro by {np.median(reach_m[0][far]):,.0f} m: it may hold the logs of "
+            "two boats at the same time. Split it into one file each."
+        )
 
 
 def _steady(times: Array, north: Array, east: Array, has_time: bool) -> Mask:

@@ -290,3 +290,18 @@ def test_a_survey_over_the_turn_of_a_year_and_an_old_one_are_whole(tmp_path, mid
     found = gathered(tmp_path, dated(rows), "--draught", "0.3")
     assert len(found.placed[0].soundings) >= 119
     assert "before the clock was set" not in " ".join(found.lines)
+
+
+@pytest.mark.parametrize("later_s", [0.0, 0.5])
+def test_joined_logs_of_two_boats_at_the_same_time_are_refused(tmp_path, later_s):
+    rows = survey()[:120]
+    other = rows + np.array([later_s, 0.01, 0.0, 5.0])
+    with pytest.raises(LogError, match=r"swing to and fro by 1,1\d\d m: it may hold the logs of two boats.*Split it"):
+        gathered(tmp_path, nmea(rows) + nmea(other))
+
+
+def test_a_log_that_is_joined_to_itself_or_to_another_place_is_read(tmp_path):
+    rows = survey()[:120]
+    assert len(gathered(tmp_path, nmea(rows) + nmea(rows)).placed[0].soundings) >= 118
+    other = rows + np.array([3600.0, 0.01, 0.0, 0.0])
+    assert len(gathered(tmp_path, nmea(rows) + nmea(other)).placed[0].soundings) >= 236
