@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.user_error import error_text
 from auv_lse_gp.soundings import read_soundings
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ def prior_mean(config: GpConfig) -> PriorMean:
     try:
         soundings = read_soundings(Path(config.survey_file))
     except (OSError, ValueError) as error:
-        raise ParameterError(f"gp.survey_file: {error}") from error
+        raise ParameterError(f"gp.survey_file: {error_text(error)}") from error
     return SurveyMean(soundings[:, :2], soundings[:, 2])
 
 

@@ -123,6 +123,10 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     for own in fitted.vehicles:  # a node would refuse them, after the start
         area.grid(own.gp.map_resolution_m, "gp.map_resolution_m")
         area.grid(own.planner.map_spacing_m, "planner.map_spacing_m")
+    if options.for_vehicles is None:  # else the files are on the vehicles
+        for file in {own.gp.survey_file for own in fitted.vehicles if own.gp.mean == "survey"}:
+            if not Path(file).is_file():
+                raise ParameterError(f"gp.survey_file: {file!r} does not exist on this machine")
     return fitted, [*areas.notes(), *notes]
 
 

@@ -84,6 +84,12 @@ def test_an_area_of_20_km_names_each_parameter_that_is_too_fine_before_the_start
         mission.prepare(options)
 
 
+def test_a_survey_file_that_is_missing_is_named_before_the_start(tmp_path):
+    given = ["--set", "gp.mean=survey", "--set", f"gp.survey_file={tmp_path / 'no.csv'}"]
+    with pytest.raises(ParameterError, match=r"gp\.survey_file: '.*no\.csv' does not exist on this machine"):
+        mission.prepare(parser().parse_args(given))
+
+
 def test_mission_files_appear_whole_because_vehicles_are_started_as_soon_as_they_exist(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
