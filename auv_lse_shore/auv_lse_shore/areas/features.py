@@ -101,6 +101,8 @@ def with_geometry(named: Feature, geometry: Mapping[str, Any] | None, where: str
             yield from with_geometry(named, inner, where)
         return
     parts = inside if kind != single else [inside]
+    if kind == "MultiPolygon":
+        parts = _joined(parts)
     for part in parts:
         if single == "Polygon":
             yield replace(named, rings=tuple(ring_of(ring) for ring in part))
@@ -110,6 +112,22 @@ def with_geometry(named: Feature, geometry: Mapping[str, Any] | None, where: str
             yield replace(named, point=(float(part[1]), float(part[0])))
         else:
             raise ParameterError(f"{where}: {named.name!r} is a {kind}, which is not read. Save it as a polygon")
+
+
+def _joined(parts: Sequence[Any]) -> Sequence[Any]:
+    """The polygons of a multipolygon without the cut at the antimeridian that RFC 7946 asks for."""
+    longitudes = [{float(corner[0]) for ring in part for corner in ring} for part in parts]
+    if not any(180.0 in of_part for of_part in longitudes) or not any(-180.0 in of_part for of_part in longitudes):
+        return parts
+    import shapely  # slow to import, and rarely needed
+
+    east = [[[(float(x) % 360.0, float(y)) for x, y, *_ in ring] for ring in part] for part in parts]
+    shapes = [shapely.Polygon(rings[0], rings[1:]) for rings in east]
+    if not all(shape.is_valid for shape in shapes):
+        return parts  # the check of the area names what is wrong
+    whole = shapely.get_parts(shapely.union_all(shapes).simplify(0.0)).tolist()
+    rings_of = [[shape.exterior, *shape.interiors] for shape in whole]
+    return [[[(x - 360.0 * (x > 180.0), y) for x, y in ring.coords] for ring in rings] for rings in rings_of]
 
 
 def ring_of(corners: Sequence[Sequence[float]]) -> Array:

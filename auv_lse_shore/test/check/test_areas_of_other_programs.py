@@ -301,6 +301,22 @@ def test_an_area_on_both_sides_of_the_antimeridian(tmp_path):
     assert np.abs(area["polygon_m"]).max() < 120.0
 
 
+def test_an_area_that_is_cut_at_the_antimeridian_is_one(tmp_path):
+    def half(west, east):
+        return [[(west, -16.8), (east, -16.8), (east, -16.798), (west, -16.798), (west, -16.8)]]
+
+    def multi(*parts):
+        return json.dumps({"type": "MultiPolygon", "coordinates": parts})
+
+    content = read(tmp_path, multi(half(179.999, 180.0), half(-180.0, -179.999)), "a.geojson")
+    corners = [[-16.8, 179.999], [-16.8, -179.999], [-16.798, -179.999], [-16.798, 179.999]]
+    assert sorted(content.area.round(9).tolist()) == sorted(corners)
+    with pytest.raises(ParameterError, match="2 polygons may be the operating area"):
+        read(tmp_path, multi(half(179.998, 179.999), half(-179.999, -179.998)), "a.geojson")
+    with pytest.raises(ParameterError, match="2 polygons may be the operating area"):
+        read(tmp_path, multi(half(8.0, 8.001), half(8.002, 8.003)), "a.geojson")
+
+
 @pytest.mark.parametrize("corner", [(315_846.0, 5_152_400.0), (288.3, -41.1)])
 def test_coordinates_that_are_no_degrees_name_the_cure(tmp_path, corner):
     lake = [corner, (corner[0] + 1e-3, corner[1]), (corner[0], corner[1] + 1e-3)]
