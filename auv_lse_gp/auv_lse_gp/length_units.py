@@ -65,7 +65,7 @@ def stated_m(text: str) -> float:
 @functools.lru_cache(maxsize=256)
 def is_unit_name(name: str) -> bool:
     """Whether a column or attribute of this name states the unit of the depth beside it."""
-    return re.sub(r"[^a-z]", "", name.lower()) in UNIT_NAMES
+    return re.sub(r"[^a-z\d]", "", name.lower()) in UNIT_NAMES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

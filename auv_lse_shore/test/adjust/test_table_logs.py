@@ -538,6 +538,7 @@ def test_times_of_which_only_some_state_a_zone_are_refused(tmp_path, header, for
     [
         ("year,month,day,hour,minute,second", "%Y,%m,%d,%H,%M,%S"),
         ("Year,Month,Day,Hours,Minutes,Seconds", "%Y,%m,%d,%H,%M,%S.0"),
+        ("Date,Hour,Minute,Second", "%d.%m.%Y,%H,%M,%S"),
         ("date,time,AM/PM", "%Y-%m-%d,%I:%M:%S,%p"),
         ("time,ampm", "%m/%d/%Y %I:%M:%S,%p"),
     ],
@@ -546,7 +547,7 @@ def test_times_in_several_columns_are_put_together(tmp_path, header, form):
     def row(t, a, o, d):
         return f"{utc(t + 43_200.0, form)},{a:.8f},{o:.8f},{d:.3f}"
 
-    found = gathered(tmp_path, lines(f"{header},lat,lon,depth", row))
+    found = gathered(tmp_path, lines(f"{header},lat,lon,depth", row), *(["--day-first"] if "." in form[:6] else []))
     checked(found, starts=START_S + 43_200.0)
     assert "not used" not in found.lines[0]
 
@@ -575,3 +576,12 @@ def test_positions_that_are_no_angles_are_shown(tmp_path):
     data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"S{a:.0f}-{t % 60:.3f},W{o:.0f}-1.5,{d:.3f},{utc(t)}")
     with pytest.raises(LogError, match=r"its positions are no numbers and no angles, such as 'S46-.*46 30\.5 S"):
         gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize("header", ["year,month,day", "date"])
+def test_rows_that_all_have_one_date_and_no_time_are_read_in_their_order(tmp_path, header):
+    form = "%Y,%m,%d" if "," in header else "%Y-%m-%d"
+    data = lines(f"{header},lat,lon,depth", lambda t, a, o, d: f"{utc(t, form)},{a:.8f},{o:.8f},{d:.3f}")
+    found = gathered(tmp_path, data)
+    checked(found, starts=None)
+    assert "rows while the clock stood still" in found.lines[0]

@@ -242,8 +242,9 @@ def depth_role(columns: Container[str]) -> str:
 
 
 def has_date_parts(columns: Container[str]) -> bool:
-    """Whether times are in columns of years, months, days and so on."""
-    return "datetime" not in columns and all(role in columns for role in ("year", "month", "date"))
+    """Whether times are in columns of hours, minutes and so on, or dates in columns of years, months and days."""
+    has_parts = "hour" in columns or all(role in columns for role in ("year", "month"))
+    return "datetime" not in columns and "date" in columns and has_parts
 
 
 def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[str]:

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 #: A clock that goes back by more than this (s) has passed midnight, or rows are in another order; by this, midnight.
 _BACK_S, _MIDNIGHT_S = 60.0, -82_800.0
 
+_ORDER_NOTE = "it is unclear whether dates begin with the day or the month: see --day-first"
 #: Number of times, spread over a table, by which their notation is recognized.
 _SAMPLED = 1000
 
@@ -42,7 +43,7 @@ def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
     order = (Clock.UTC, Clock.LOCAL, Clock.DAY, Clock.ELAPSED)
     candidates = [role for role in table.columns if role.startswith("datetime")]
     if has_date_parts(table.columns):
-        best = _from_parts(table)
+        best = _from_parts(table, options, content)
     for role in candidates or ["date"] * ("date" in table.columns and best is None):
         found = _time(table, role, options, content)
         if found and (best is None or order.index(found[0]) < order.index(best[0])):
@@ -99,16 +100,19 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
             return None
         stamps = stamps if has_zone else stamps - header_zone_s(column.name)
     if assumed:
-        content.notes.append("it is unclear whether dates begin with the day or the month: see --day-first")
+        content.notes.append(_ORDER_NOTE)
     return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
 
 
-def _from_parts(table: Table) -> tuple[Clock, Array] | None:
-    """Times from columns of years, months, days, hours, minutes and seconds; None if they hold none."""
-    day = numbers_of(table.values["date"].tolist(), table.decimal_comma)
-    ymd = [np.nan_to_num(part, nan=-1.0) for part in (table.values["year"], table.values["month"], day)]
-    dates = [f"{year:.0f}-{month:.0f}-{of_month:.0f}" for year, month, of_month in zip(*ymd, strict=True)]
-    stamps, _ = days(dates, None)
+def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
+    """Times from columns of dates or years, months and days, and of hours, minutes, seconds; None if they hold none."""
+    dates = table.values["date"].tolist()
+    if "year" in table.columns and "month" in table.columns:
+        parts = (table.values["year"], table.values["month"], numbers_of(dates, table.decimal_comma))
+        ymd = [np.nan_to_num(part, nan=-1.0) for part in parts]
+        dates = [f"{year:.0f}-{month:.0f}-{of_month:.0f}" for year, month, of_month in zip(*ymd, strict=True)]
+    stamps, assumed = days(dates, options.day_first)
+    content.notes += [_ORDER_NOTE] * assumed
     for role, unit_s in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
         stamps = stamps + unit_s * table.values.get(role, 0.0)
     is_utc = any("utc" in column.name.lower() for column in table.columns.values())

@@ -218,7 +218,7 @@ def spread_times(time_s: Array, positions: Array, is_geodetic: bool) -> tuple[Ar
         way_m = np.append(np.hypot(*np.diff(positions, axis=0).T) * scale, 0.0)  # to the next row
     way_m[np.append(starts[1:], len(time_s)) - 1] = 0.0
     inner_m = np.add.reduceat(np.nan_to_num(way_m, posinf=0.0).clip(max=1e9), starts)
-    if not inner_m.any() or len(starts) < 2:
+    if not inner_m.any():
         return time_s, np.zeros(len(time_s), dtype=bool)
     steps = np.append(np.diff(time_s[starts]), np.inf)
     known = steps[(steps > 0.0) & np.isfinite(steps)]
