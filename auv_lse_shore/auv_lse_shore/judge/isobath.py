@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -95,8 +96,8 @@ def geojson_of(
 ) -> dict[str, Any]:
     """Lines as GeoJSON (RFC 7946).
 
-    With an origin, coordinates are WGS84 longitude, latitude, as the standard demands. Without one they are local
-    metres, east then north, as every feature's property `coordinates` states.
+    With an origin, coordinates are WGS84 longitude, latitude, as the standard demands, and lines are cut at the
+    antimeridian. Without one they are local metres, east then north, as every feature's property `coordinates` states.
 
     Args:
         features: Pairs of properties and the lines (n, 2) of north, east (m) that they describe.
@@ -110,11 +111,10 @@ def geojson_of(
         coordinates = []
         for line in lines:
             if origin is None:
-                pairs, digits = np.column_stack([line[:, 1], line[:, 0]]), 2
-            else:
-                latitude, longitude = geodetic_from_local(line[:, 0], line[:, 1], *origin)
-                pairs, digits = np.column_stack([longitude, latitude]), 7
-            coordinates.append(np.round(pairs, digits).tolist())
+                coordinates.append(np.round(line[:, [1, 0]], 2).tolist())
+                continue
+            latitude, longitude = geodetic_from_local(line[:, 0], line[:, 1], *origin)
+            coordinates += [np.round(part, 7).tolist() for part in _cut(np.column_stack([longitude, latitude]))]
         system = "WGS84 longitude, latitude (deg)" if origin else "local metres: east, north of the mission's origin"
         collection["features"].append(
             {
@@ -124,6 +124,21 @@ def geojson_of(
             }
         )
     return collection
+
+
+def _cut(line: Array) -> list[Array]:
+    """The parts of a line (n, 2) of longitude, latitude (deg) on either side of the antimeridian."""
+    parts, first = [], line[:0]
+    crossings = np.flatnonzero(np.abs(np.diff(line[:, 0])) > 180.0) + 1
+    for start, end in itertools.pairwise([0, *crossings.tolist()]):
+        (before, lat), (after, next_lat) = line[end - 1], line[end]
+        edge = math.copysign(180.0, before)
+        share = (edge - before) / (after + 2.0 * edge - before)
+        cut_lat = lat + share * (next_lat - lat)
+        parts.append(np.vstack([first, line[start:end], [[edge, cut_lat]]]))
+        first = np.array([[-edge, cut_lat]])
+    last = int(crossings[-1]) if len(crossings) else 0
+    return [*parts, np.vstack([first, line[last:]])]
 
 
 def write_geojson(

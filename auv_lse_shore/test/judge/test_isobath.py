@@ -86,3 +86,17 @@ def test_an_estimate_near_the_true_isobath_outside_of_the_evaluated_cells_is_not
     nothing_evaluated = isobath.compare(estimate[1:], [], [outside])
     assert nothing_evaluated.made_up == 0.0
     assert np.isnan(nothing_evaluated.found)
+
+
+def test_a_line_across_the_antimeridian_is_cut_there():
+    """As RFC 7946 asks; maps drew it around the earth."""
+    north = np.linspace(0.0, 100.0, 11)
+    line_m = np.column_stack([north, 60.0 - 2.0 * np.abs(north - 50.0)])  # east of it from 30 to 70 m north
+    (feature,) = isobath.geojson_of([({}, [line_m])], (-17.0, 179.9998121))["features"]  # 20 m west of it
+    parts = [np.array(part) for part in feature["geometry"]["coordinates"]]
+    assert len(parts) == 3
+    assert max(np.ptp(part[:, 0]) for part in parts) < 0.001
+    assert [part[k, 0] for part, k in zip(parts, (-1, 0, 0), strict=True)] == [180.0, -180.0, 180.0]
+    assert parts[0][-1, 1] == parts[1][0, 1] == pytest.approx(-17.0 + 30.0 / 110_650.0, abs=2e-6)
+    assert parts[1][-1, 1] == parts[2][0, 1] == pytest.approx(-17.0 + 70.0 / 110_650.0, abs=2e-6)
+    assert sum(map(len, parts)) == len(line_m) + 4
