@@ -39,8 +39,9 @@ COURSE_M = 2.0
 EVERY_S = 1.0
 #: Positions farther than this (m) from the origin are of another survey, or wrong.
 FARTHEST_M = 200_000.0
-#: Share of positions between two that are near each other and far from it, from which a log holds two boats.
-_SWINGS = 0.3
+#: Share of positions between two that are near each other and this far (m) from it, from which a log holds two boats.
+#: Two receivers of a boat are closer.
+_SWINGS, _BOATS_APART_M = 0.3, 50.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,11 +198,12 @@ def _check_one_boat(name: str, times: Array, north: Array, east: Array) -> None:
     """
     if len(times) < LEAST_POSITIONS:
         return
-    reach_m = [np.hypot(north[k:] - north[:-k], east[k:] - east[:-k]) for k in (1, 2)]
-    far, off = (m > MAX_SPEED_MPS * (times[k:] - times[:-k]) + JUMP_M for k, m in enumerate(reach_m, 1))
-    if (far[:-1] & far[1:] & ~off).mean() > _SWINGS:
+    steps_m, twice_m = (np.hypot(north[k:] - north[:-k], east[k:] - east[:-k]) for k in (1, 2))
+    far = steps_m > MAX_SPEED_MPS * np.diff(times) + _BOATS_APART_M
+    is_back = twice_m <= MAX_SPEED_MPS * (times[2:] - times[:-2]) + JUMP_M
+    if (far[:-1] & far[1:] & is_back).mean() > _SWINGS:
         raise LogError(
-            f"{name}: its positions swing to and fro by {np.median(reach_m[0][far]):,.0f} m: it may hold the logs of "
+            f"{name}: its positions swing to and fro by {np.median(steps_m[far]):,.0f} m: it may hold the logs of "
             "two boats at the same time. Split it into one file each."
         )
 

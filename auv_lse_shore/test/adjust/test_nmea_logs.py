@@ -305,3 +305,5 @@ def test_a_log_that_is_joined_to_itself_or_to_another_place_is_read(tmp_path):
     assert len(gathered(tmp_path, nmea(rows) + nmea(rows)).placed[0].soundings) >= 118
     other = rows + np.array([3600.0, 0.01, 0.0, 0.0])
     assert len(gathered(tmp_path, nmea(rows) + nmea(other)).placed[0].soundings) >= 236
+    two_antennas = rows + np.array([0.0, 20.0 / 111_200.0, 0.0, 0.0])
+    assert len(gathered(tmp_path, nmea(rows) + nmea(two_antennas)).placed[0].soundings) >= 118
