@@ -447,7 +447,9 @@ def test_unknown_uncertainties_stay_unknown(tmp_path):
 
 def test_estimated_positions_are_not_mixed_with_measured_ones(tmp_path, capsys):
     (tmp_path / "soundings.csv").write_text(exported_table(survey())[0])
-    (tmp_path / "b.csv").write_text("time_s," + metres(survey()).replace("\n", "\n1,", 630)[:-2])
+    header, *rows = metres(survey() + np.array([0.0, 0.0, 0.0, 1.0])).splitlines()
+    timed = "\n".join(f"{second},{row}" for second, row in enumerate(rows))
+    (tmp_path / "b.csv").write_text(f"time_s,{header}\n{timed}\n")
     arguments = [str(tmp_path / name) for name in ("soundings.csv", "b.csv")]
     assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
     assert "states standard deviations of its positions, and others do not. Import it alone" in capsys.readouterr().err
