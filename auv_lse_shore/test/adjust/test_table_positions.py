@@ -30,6 +30,13 @@ def test_a_column_of_units_counts(tmp_path, header):
     assert "depths in ft, 0.3048 m" in found.lines[0]
 
 
+@pytest.mark.parametrize("name", ["depth in feet", "Depth (in feet)", "water depth in ft"])
+def test_a_unit_behind_in_counts(tmp_path, name):
+    rows = lines(f"lat,lon,{name},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / 0.3048:.4f},{utc(t)}")
+    checked(gathered(tmp_path, rows))
+
+
+
 @pytest.mark.parametrize("header", ["depth,temp,Units", "range,unit,depth", "elevation,unit,depth"])
 def test_a_unit_behind_a_column_that_is_not_used_is_a_question(tmp_path, header):
     cells = {"depth": "{}", "temp": "17.5", "range": "40", "elevation": "372.1"}

@@ -153,6 +153,8 @@ _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)[\"']?[^\W\d][^\r\n\0]{,5000}", re.M
 #: A number with at least three decimals, as degrees have.
 _DECIMALS = re.compile(r"\d[.,]\d{3,}")
 _ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
+#: As in "depth in feet".
+_PREPOSITION = re.compile(r"\s+in\s+(?=[a-z]+$)")
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -165,7 +167,7 @@ DATE_PARTS = ("year", "month", "hour", "minute", "second")
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
     """What a column's name means; None if it is not used."""
-    text = HEADER_ZONE.sub("utc", name.strip().strip("\"'").lower())
+    text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", name.strip().strip("\"'").lower()))
     if match := _BRACKETS.search(text):
         unit = match[1].strip()
         text = _BRACKETS.sub("", text)
@@ -214,6 +216,8 @@ def other_header(text: str, dialect: Dialect, columns: dict[str, Column]) -> tup
     is_after = False
     for match in _MAYBE_HEADER.finditer(text):
         cells = [cell.strip() for cell in next(fields_of([match[0]], dialect.delimiter), [])]
+        if any(map(is_number, cells)):
+            continue  # a row of a table without decimals
         is_own = tuple(cells) in (dialect.header, dialect.units)
         is_after |= is_own
         found = named_columns(cells) if is_after and not is_own else {}
