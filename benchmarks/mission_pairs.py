@@ -9,6 +9,7 @@ The baseline is a commit: its own code flies the same mission in the same minute
 from __future__ import annotations
 
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -30,6 +31,16 @@ MOST_GROWTH, MOST_TOTAL = 1.15, 1.10
 PAIRS = 3
 #: Only so much more processor time of a part (s) counts: a share of a short part is noise.
 NOISE_S = 0.05
+#: What would give one checkout the other's code, or have it compiled at every start.
+OF_THIS_CHECKOUT = (
+    "AMENT_PREFIX_PATH",
+    "CMAKE_PREFIX_PATH",
+    "COLCON_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
+    "PYTHONPATH",
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE",  # set where the wheels of ROS have found their libraries
+)
+ALWAYS_LEFT_OUT = ("PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED", "AUV_LSE_ROOT")
 #: Measures in the checkout that it is run in.
 MEASURE = ". scripts/environment.sh && use_environment && exec python -m benchmarks.mission_parts"
 
@@ -123,9 +134,16 @@ def checkout(commit: str, parent: Path = ROOT / "build") -> Path:
     return folder
 
 
+def _environment() -> dict[str, str]:
+    """The environment for both checkouts, each of which adds its own; a ROS 2 of the machine's own stays in it."""
+    left_out = {*ALWAYS_LEFT_OUT, *(() if "ROS_DISTRO" in os.environ else OF_THIS_CHECKOUT)}
+    return {name: value for name, value in os.environ.items() if name not in left_out}
+
+
 def _flown_in(folder: Path) -> dict[str, float]:
     """Processor time (s) of the parts of a mission by the code of a checkout, which is set up first if needed."""
-    done = subprocess.run(["bash", "-c", MEASURE], cwd=folder, stdout=subprocess.PIPE, text=True, check=False)
+    command = ["bash", "-c", MEASURE]
+    done = subprocess.run(command, cwd=folder, env=_environment(), stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{folder}: the measurement ended with {done.returncode}")
     times: dict[str, float] = json.loads(done.stdout.splitlines()[-1])

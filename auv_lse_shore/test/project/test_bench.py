@@ -133,6 +133,16 @@ def test_the_baseline_has_a_checkout_of_its_own_that_is_used_again(clone, tmp_pa
     assert [entry.name for entry in (tmp_path / "build").iterdir()] == [f"baseline-{commit[:8]}"]
 
 
+def test_neither_checkout_gets_the_others_code_or_is_compiled_at_every_start(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", "/here")
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    assert not {"PYTHONPATH", "PYTHONDONTWRITEBYTECODE"} & mission_pairs._environment().keys()
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")  # its code is there, too
+    assert mission_pairs._environment()["PYTHONPATH"] == "/here"
+    assert "PYTHONDONTWRITEBYTECODE" not in mission_pairs._environment()
+
+
 def test_a_baseline_that_the_clone_lacks_is_named_with_the_cure(clone, tmp_path):
     with pytest.raises(RuntimeError, match=r"the baseline is commit 01234567, which is not here .*git fetch --unsh"):
         mission_pairs.checkout("01234567" * 5, tmp_path / "build")
