@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import statistics
 import subprocess
 import sys
@@ -116,7 +117,7 @@ def _git(*arguments: str, folder: Path | None = None) -> str:
 
 
 def checkout(commit: str, parent: Path = ROOT / "build") -> Path:
-    """A checkout of a commit; the same one the next time.
+    """A checkout of a commit; the same one the next time. Those of earlier baselines go.
 
     Raises:
         RuntimeError: if this is no clone that has the commit.
@@ -127,6 +128,8 @@ def checkout(commit: str, parent: Path = ROOT / "build") -> Path:
     except RuntimeError as error:
         cure = "Measure in a whole clone (git fetch --unshallow makes this one whole)"
         raise RuntimeError(f"the baseline is commit {commit[:8]}, which is not here ({error}). {cure}") from error
+    for other in {*parent.glob("baseline-*")} - {folder}:
+        shutil.rmtree(other)
     if not folder.exists():
         parent.mkdir(parents=True, exist_ok=True)
         _git("clone", "--quiet", "--shared", "--no-checkout", str(ROOT), str(folder))

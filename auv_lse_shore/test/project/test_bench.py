@@ -126,6 +126,7 @@ def clone(tmp_path, monkeypatch):
 
 def test_the_baseline_has_a_checkout_of_its_own_that_is_used_again(clone, tmp_path):
     commit = mission_pairs._git("rev-parse", "HEAD")
+    (tmp_path / "build" / "baseline-01234567").mkdir(parents=True)
     for _ in range(2):
         folder = mission_pairs.checkout(commit, tmp_path / "build")
         assert (folder / "code.py").read_text() == "1\n", "as committed"
