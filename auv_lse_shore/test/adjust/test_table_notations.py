@@ -61,3 +61,11 @@ def test_a_byte_order_mark_before_a_file_of_another_program_is_none(tmp_path):
         gathered(
             tmp_path, codecs.BOM_UTF8 + b"<?xml version='1.0'?>\n<survey lat,lon,depth>\n1,2,3\n4,5,6\n</survey>\n"
         )
+
+
+@pytest.mark.parametrize("header", ["Breite [Grad];Laenge [Grad]", "Lat grad;Lon grad"])
+def test_grad_is_the_german_word_for_degrees(tmp_path, header):
+    data = lines(f"{header};Tiefe [m];utc", lambda t, a, o, d: f"{a:.8f};{o:.8f};{d:.3f};{utc(t)}")
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert "not understood" not in found.lines[0]

@@ -25,7 +25,7 @@ _E7 = re.compile(r"(deg)?\W*1?e-?7")
 _PACKED = re.compile(r"d{1,3}mm?\b.*")
 _NEGATIVE = re.compile(r"(°|º|deg|degrees|dd)?[ .]?(s|south|w|west)")
 #: What a unit of degrees, or the name of a geodetic datum, contains.
-_DEGREES = re.compile(r"deg|°|º|d{2}|wgs|etrs|nad|epsg|gcs|dec|\b(n|s|e|w|north|south|east|west)\b")
+_DEGREES = re.compile(r"deg|grad\b|°|º|d{2}|wgs|etrs|nad|epsg|gcs|dec|\b(n|s|e|w|north|south|east|west)\b")
 #: Share of the positions that shows what all of them are.
 _MOST = 0.9
 

@@ -174,7 +174,8 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
     words = [word for word in re.split(r"[^a-z0-9äöüß°%]+", text) if word]
     key = "".join(words)
     if key not in _BY_NAME:  # a unit at the end, also without a sign before it: DepthFt, TimeMs
-        known = (*METRES, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS)
+        known = [*METRES, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS]
+        known.sort(key=lambda k: [k] != words[-1:])  # lon_grad is no long_rad
         cut = next((k for k in known if key.endswith(k) and _suits(k, key[: -len(k)])), "")
         key, unit = key.removesuffix(cut), unit or cut
     if key not in _BY_NAME and words[-1:] and words[-1] in _SIDES.get(_BY_NAME.get("".join(words[:-1]), ""), ()):
