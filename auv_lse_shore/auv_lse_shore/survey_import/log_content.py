@@ -189,7 +189,7 @@ class LogContent:
             self._keep_times(first_s - apart_s, math.inf, reason)
 
     def _keep_times(self, first_s: float, last_s: float, reason: str) -> None:
-        if self.position_std_m is not None:
+        if self.position_std_m is not None and self.positions:
             (rows,) = self.positions.values()
             self.position_std_m = self.position_std_m[(rows[:, 0] >= first_s) & (rows[:, 0] <= last_s)]
         for columns, tables in ((3, self._positions), (2, self._pressures)):

@@ -69,3 +69,9 @@ def test_grad_is_the_german_word_for_degrees(tmp_path, header):
     found = gathered(tmp_path, data)
     checked(found)
     assert "not understood" not in found.lines[0]
+
+
+def test_positions_with_standard_deviations_may_all_be_missing(tmp_path):
+    data = lines("lat,lon,depth,utc,north_std_m,east_std_m", lambda t, a, o, d: f"0,0,{d:.3f},{utc(t)},1,1")
+    with pytest.raises(LogError, match=r"has no usable positions \(120 positions at 0, 0"):
+        gathered(tmp_path, data)
