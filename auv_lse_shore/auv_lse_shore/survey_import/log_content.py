@@ -137,11 +137,16 @@ class LogContent:
         pings.frombytes(np.ascontiguousarray(table[echo]).tobytes())
 
     def downward(self, depths: Array) -> Array:
-        """Depths (n,), positive down, also if the log writes nearly all of them as negative numbers."""
-        known = depths[np.isfinite(depths)]
-        count = int((known < 0.0).sum())
-        if count <= _NEGATIVE * len(known):
-            if count > _FEW * len(known):
+        """Depths (n,), positive down, also if the log writes nearly all of them as negative numbers.
+
+        Zeros, and one negative number among positive depths, mark missing echoes.
+        """
+        known = depths[np.isfinite(depths) & (depths != 0.0)]
+        negative = known[known < 0.0]
+        count = len(negative)
+        is_mark = 0 < count < len(known) and bool((negative == negative[0]).all())
+        if is_mark or count <= _NEGATIVE * len(known):
+            if not is_mark and count > _FEW * len(known):
                 self.questions.append(
                     f"{count:,} of {len(known):,} depths are negative, and left out. Positive ones are metres down: "
                     "write all of them so"

@@ -75,3 +75,14 @@ def test_positions_with_standard_deviations_may_all_be_missing(tmp_path):
     data = lines("lat,lon,depth,utc,north_std_m,east_std_m", lambda t, a, o, d: f"0,0,{d:.3f},{utc(t)},1,1")
     with pytest.raises(LogError, match=r"has no usable positions \(120 positions at 0, 0"):
         gathered(tmp_path, data)
+
+
+def test_one_negative_number_among_depths_marks_missing_echoes(tmp_path):
+    data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{'-1' if t % 20 else f'{d:.3f}'},{utc(t)}")
+    found = gathered(tmp_path, data)
+    checked(found, count=6, starts=None)
+
+
+def test_negative_depths_may_have_missing_echoes_of_0(tmp_path):
+    data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{-d if t % 4 else 0.0:.3f},{utc(t)}")
+    checked(gathered(tmp_path, data), count=90, starts=None)
