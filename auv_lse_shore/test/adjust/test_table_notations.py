@@ -86,3 +86,12 @@ def test_one_negative_number_among_depths_marks_missing_echoes(tmp_path):
 def test_negative_depths_may_have_missing_echoes_of_0(tmp_path):
     data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{-d if t % 4 else 0.0:.3f},{utc(t)}")
     checked(gathered(tmp_path, data), count=90, starts=None)
+
+
+def test_a_height_above_the_bottom_that_follows_the_depth_is_that_of_a_boat(tmp_path):
+    data = lines(
+        "lat,lon,depth,distance to bottom,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{d - 0.4:.2f},{utc(t)}"
+    )
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert "column distance to bottom is not added: it follows the depth" in found.lines[0]

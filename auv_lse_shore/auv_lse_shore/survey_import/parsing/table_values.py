@@ -41,6 +41,8 @@ _DEGREE_M = 111_000.0
 _FAR_M = 100_000.0
 #: An altitude that stays below this (m) may be above the bottom.
 _LOW_M = 100.0
+#: Share of the depths' changes that remains in their difference from heights that follow them.
+_FOLLOWS = 0.2
 #: Depths of lakes and seas end here (m).
 _DEEPEST_M = 12_000.0
 #: Names by which depths are measured from the transducer or the keel.
@@ -281,7 +283,7 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     values = values if stated is None else values * stated
     known = values[np.isfinite(values)]
     if role == "depth":
-        values = _below_surface(table, content.downward(values), content)
+        values = _below_surface(table, content.downward(values), bool(options.columns), content)
     else:
         values = _from_elevations(table, column, role, values, known, options)
     absurd = np.abs(values) > _DEEPEST_M
@@ -290,17 +292,32 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
 
 
-def _below_surface(table: Table, depths: Array, content: LogContent) -> Array:
-    """Depths of the water (m): those of a table, plus the heights above the bottom of a vehicle under water."""
+def _below_surface(table: Table, depths: Array, is_asked: bool, content: LogContent) -> Array:
+    """Depths of the water (m): those of a table, plus the heights above the bottom of a vehicle under water.
+
+    Heights that follow the depths are those of a boat's transducer, unless the user asked to add them.
+    """
     column, altitude = table.columns.get("above_bottom"), table.columns.get("altitude")
     if column is None:
         heights = table.values.get("altitude", np.empty(0))
+    if not is_asked and table.columns["depth"].role == "depth" and _follows(heights, depths):
+        content.notes.append(f"column {column.name} is not added: it follows the depth, as below a boat")
+        return depths
         heights = heights[np.isfinite(heights)]
         if altitude is not None and len(heights) and 0.0 < heights.min() <= heights.max() < _LOW_M:
             content.questions.append(
                 f"column {altitude.name} is not used. If it is the height above the bottom of a vehicle at the depth "
                 f"{table.columns['depth'].name}, add it: --columns with depth and altitude in their places"
             )
+def _follows(heights: Array, depths: Array) -> bool:
+    """Whether heights above the bottom rise and fall with the depths (n,), as if both were of the water."""
+    both = np.isfinite(heights) & np.isfinite(depths)
+    if not both.any():
+        return False
+    apart, own = (values[both] - np.median(values[both]) for values in (depths - heights, depths))
+    return bool(np.median(np.abs(apart)) < _FOLLOWS * np.median(np.abs(own)))
+
+
         return depths
     factor, heights = factor_of(column.unit), table.values["above_bottom"]
     heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights) * (factor or 1.0)
