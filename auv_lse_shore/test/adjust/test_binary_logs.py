@@ -216,6 +216,9 @@ def test_depths_in_the_extensions_of_a_humminbird_are_centimetres(tmp_path):
     metres.write_bytes(gpx(ROWS))
     (found,), (expected,) = gathered(own).placed, gathered(metres).placed
     assert found.soundings[:, 3] == pytest.approx(expected.soundings[:, 3], abs=1e-3)
+    own.write_text(own.read_text().replace("<h:depth>", '<h:depth units="mm">'))
+    draught_m, (found,) = 0.3, gathered(own).placed
+    assert found.soundings[:, 3] - draught_m == pytest.approx(0.1 * (expected.soundings[:, 3] - draught_m), abs=1e-3)
 
 
 @pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])

@@ -75,8 +75,8 @@ class _Points:
         name = self._names.setdefault(tag, tag.rpartition("}")[2])
         if name in self.rows:
             self._point = attributes
-        if name.lower() in _DEPTHS:  # Humminbird's own are centimetres
-            self._factor = self.units.factor({"unit": "cm"} if "humminbird" in tag.lower() else attributes)
+        if name.lower() in _DEPTHS:  # Humminbird's own are centimetres, unless they state another unit
+            self._factor = self.units.factor({**attributes, "UOM": "cm"} if "humminbird" in tag.lower() else attributes)
         self._text = []
 
     def data(self, text: str) -> None:
