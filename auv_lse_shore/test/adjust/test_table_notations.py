@@ -6,7 +6,7 @@ import codecs
 
 import pytest
 from adjust.survey_logs import START_S
-from adjust.tables import checked, gathered, lines, utc
+from adjust.tables import ROWS, checked, gathered, lines, utc
 
 from auv_lse_shore.survey_import.parsing.times import days
 from auv_lse_shore.survey_import.survey_log import LogError
@@ -71,10 +71,65 @@ def test_grad_is_the_german_word_for_degrees(tmp_path, header):
     assert "not understood" not in found.lines[0]
 
 
-def test_positions_with_standard_deviations_may_all_be_missing(tmp_path):
-    data = lines("lat,lon,depth,utc,north_std_m,east_std_m", lambda t, a, o, d: f"0,0,{d:.3f},{utc(t)},1,1")
-    with pytest.raises(LogError, match=r"has no usable positions \(120 positions at 0, 0"):
-        gathered(tmp_path, data)
+@pytest.mark.parametrize("form", ["%I:%M:%S %p", "%H:%M:%S", "%I:%M:%Sp.m."])
+def test_a_column_of_am_and_pm_beside_times_that_have_them_counts_once(tmp_path, form):
+    def row(t, a, o, d):
+        return f"{utc(t, '%Y-%m-%d')},{utc(t + 43_200.0, form)},{utc(t + 43_200.0, '%p')},{a:.8f},{o:.8f},{d:.3f}"
+
+    checked(gathered(tmp_path, lines("date,time,AM/PM,lat,lon,depth", row)), starts=START_S + 43_200.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "form", "ahead_h"),
+    [
+        ("Date,Hour,Min,Sec", "%Y-%m-%d,%H,%M,%S", 0.0),
+        ("date,hh,min,ss", "%Y-%m-%d,%H,%M,%S", 0.0),
+        ("Year,Month,Day,Hour,Minute,Second", "%y,%m,%d,%H,%M,%S", 0.0),
+        ("Date,Hour,Minute,Second,AM/PM", "%Y-%m-%d,%I,%M,%S,%p", 0.0),
+        ("Date,Hour (UTC+2),Minute,Second", "%Y-%m-%d,%H,%M,%S", 2.0),
+    ],
+)
+def test_parts_of_times_have_two_digits_halves_of_days_and_zones(tmp_path, header, form, ahead_h):
+    def row(t, a, o, d):
+        return f"{utc(t + 43_200.0 + 3600.0 * ahead_h, form)},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines(f"{header},lat,lon,depth", row))
+    checked(found, starts=START_S + 43_200.0)
+    assert "not used" not in found.lines[0]
+    assert ("have no zone" in "\n".join(found.lines)) == (not ahead_h)
+
+
+def test_hours_and_seconds_without_a_column_of_minutes_are_no_times(tmp_path):
+    def row(t, a, o, d):
+        return f"{utc(t, '%Y-%m-%d,%H,%M,%S')},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines("date,hour,foo,second,lat,lon,depth", row))
+    checked(found, starts=None)
+    assert "columns not used: hour, foo, second;" in found.lines[0]
+
+
+def test_midnights_under_one_date_are_counted_for_each_vehicle(tmp_path):
+    def rows(vehicle, first_s, north_deg):
+        times = [first_s + (t - START_S) * 700.0 for t, *_ in ROWS[:120]]
+        return [
+            f"2026-06-14,{utc(s, '%H:%M:%S')},{vehicle},{a + north_deg:.8f},{o:.8f},{d:.3f}"
+            for s, (_, a, o, d) in zip(times, ROWS[:120], strict=True)
+        ]
+
+    day_s = START_S // 86_400.0 * 86_400.0
+    both = [*rows("A", day_s + 600.0, 0.0), *rows("B", day_s + 600.0, 0.01)]
+    found = gathered(tmp_path, "\n".join(["date,time,vehicle,lat,lon,depth", *both]))
+    first, second = (log.soundings[:, 0] for log in found.placed)
+    assert first[0] == second[0]
+
+
+def test_a_height_above_the_bottom_that_follows_the_depth_is_that_of_a_boat(tmp_path):
+    data = lines(
+        "lat,lon,depth,distance to bottom,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{d - 0.4:.2f},{utc(t)}"
+    )
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert "column distance to bottom is not added: it follows the depth" in found.lines[0]
 
 
 def test_one_negative_number_among_depths_marks_missing_echoes(tmp_path):
@@ -88,10 +143,12 @@ def test_negative_depths_may_have_missing_echoes_of_0(tmp_path):
     checked(gathered(tmp_path, data), count=90, starts=None)
 
 
-def test_a_height_above_the_bottom_that_follows_the_depth_is_that_of_a_boat(tmp_path):
-    data = lines(
-        "lat,lon,depth,distance to bottom,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{d - 0.4:.2f},{utc(t)}"
-    )
-    found = gathered(tmp_path, data)
-    checked(found)
-    assert "column distance to bottom is not added: it follows the depth" in found.lines[0]
+def test_seven_digits_are_a_day_of_a_year_only_in_a_year_of_surveys():
+    assert days(["2025165"], None)[0] == pytest.approx(days(["2025-06-14"], None)[0])
+    assert days(["1062025"], None)[0] != pytest.approx(days(["1062-01-25"], None)[0])
+
+
+def test_positions_with_standard_deviations_may_all_be_missing(tmp_path):
+    data = lines("lat,lon,depth,utc,north_std_m,east_std_m", lambda t, a, o, d: f"0,0,{d:.3f},{utc(t)},1,1")
+    with pytest.raises(LogError, match=r"has no usable positions \(120 positions at 0, 0"):
+        gathered(tmp_path, data)

@@ -36,7 +36,6 @@ def test_a_unit_behind_in_counts(tmp_path, name):
     checked(gathered(tmp_path, rows))
 
 
-
 @pytest.mark.parametrize("header", ["depth,temp,Units", "range,unit,depth", "elevation,unit,depth"])
 def test_a_unit_behind_a_column_that_is_not_used_is_a_question(tmp_path, header):
     cells = {"depth": "{}", "temp": "17.5", "range": "40", "elevation": "372.1"}

@@ -16,6 +16,7 @@ from auv_lse_shore.survey_import.parsing.columns import (
     columns_for,
     other_header,
     unused_columns,
+    vehicles_of,
 )
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
@@ -86,7 +87,7 @@ def _contents(
         more = f" and {len(unused) - _MOST_LISTED} more" if len(unused) > _MOST_LISTED else ""
         shared.notes.append(f"columns not used: {', '.join(name[:40] for name in unused[:_MOST_LISTED])}{more}")
     contents = []
-    for name, mask in tv.vehicles_of(table):
+    for name, mask in vehicles_of(table):
         own = rows.of(mask)
         stood = np.zeros(len(own.time_s), dtype=bool)
         if shared.clock is not Clock.NONE:

@@ -19,6 +19,7 @@ from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, 
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 class Column(NamedTuple):
@@ -121,8 +122,8 @@ ROLES: dict[str, tuple[str, ...]] = {
     "year": ("year", "yyyy"),
     "month": ("month",),
     "hour": ("hour", "hours", "hh"),
-    "minute": ("minute", "minutes"),
-    "second": ("second", "seconds", "sec"),
+    "minute": ("minute", "minutes", "min", "mins"),
+    "second": ("second", "seconds", "sec", "secs", "ss"),
     "date": ("date", "utcdate", "dateutc", "gpsdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato"),
     "quality": (
         "confidence", "quality", "signalquality", "depthquality", "pingconfidence", "depthconfidence", "pingquality",
@@ -163,6 +164,9 @@ _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
 DEPTHS = ("depth", "elevation", "z")
 #: Roles of times in columns of their own, beside the day's.
 DATE_PARTS = ("year", "month", "hour", "minute", "second")
+
+#: More names than these in a column of vehicles number something else.
+_MOST_VEHICLES = 20
 
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
@@ -248,6 +252,8 @@ def depth_role(columns: Container[str]) -> str:
 
 def has_date_parts(columns: Container[str]) -> bool:
     """Whether times are in columns of hours, minutes and so on, or dates in columns of years, months and days."""
+    if "second" in columns and "hour" in columns and "minute" not in columns:  # they have another name
+        return False
     has_parts = "hour" in columns or all(role in columns for role in ("year", "month"))
     return "datetime" not in columns and "date" in columns and has_parts
 
@@ -257,7 +263,7 @@ def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[st
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
     further |= {"altitude"} | ({*DATE_PARTS} if not has_date_parts(columns) else set())
-    further |= set() if "datetime" in columns else {"half_day"}
+    further |= set() if "datetime" in columns or (has_date_parts(columns) and "hour" in columns) else {"half_day"}
     used = {
         column.number
         for role, column in columns.items()
@@ -410,3 +416,12 @@ def _is_quality(values: Array) -> bool:
 def first_of(texts: NDArray[np.str_]) -> str:
     """The first text of some that is not empty, shortened to be shown; "" without one."""
     return next((text[:20] for text in texts.tolist() if text.strip()), "")
+
+
+def vehicles_of(table: Table) -> list[tuple[str, Mask]]:
+    """Each vehicle of a table: words for its log's name, and the mask of its rows."""
+    vehicles = table.values.get("vehicle")
+    names = [] if vehicles is None else np.unique(vehicles).tolist()
+    if not 1 < len(names) <= _MOST_VEHICLES:
+        return [("", np.ones(table.count, dtype=bool))]
+    return [(f", vehicle {name}", vehicles == name) for name in names]

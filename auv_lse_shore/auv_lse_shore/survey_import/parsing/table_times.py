@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from auv_lse_gp.length_units import factor_of
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.columns import Column, Table, first_of, has_date_parts
+from auv_lse_shore.survey_import.parsing.columns import DATE_PARTS, Column, Table, first_of, has_date_parts, vehicles_of
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import (
     UTC_FROM_S,
     are_six_digits,
     datetimes,
     days,
+    full_year,
     header_zone_s,
     of_day_s,
     seconds,
@@ -30,6 +32,9 @@ Array = NDArray[np.float64]
 
 #: A clock that goes back by more than this (s) has passed midnight, or rows are in another order; by this, midnight.
 _BACK_S, _MIDNIGHT_S = 60.0, -82_800.0
+
+#: A half of the day at the end of a time.
+_HALF_DAY = re.compile(r"[ap]\.?m\.?\s*$", re.IGNORECASE)
 
 _ORDER_NOTE = "it is unclear whether dates begin with the day or the month: see --day-first"
 #: Number of times, spread over a table, by which their notation is recognized.
@@ -67,7 +72,8 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     column, texts = table.columns[role], table.values[role].tolist()
     if "half_day" in table.columns:
         halves = table.values["half_day"].tolist()
-        texts = [f"{text} {half}" if ":" in text else text for text, half in zip(texts, halves, strict=True)]
+        lacks = [":" in text and not _HALF_DAY.search(text) for text in texts]
+        texts = [f"{text} {half}" if lack else text for text, half, lack in zip(texts, halves, lacks, strict=True)]
     first = next((text for text in texts if text.strip()), "")
     if not first:
         return None
@@ -89,7 +95,7 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
                 )
             clock -= header_zone_s(column.name)
             return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
-        day = _past_midnight(clock, day, date_of, content)
+        day = _past_midnight(clock, day, table, content)
         is_utc = is_utc or "utc" in date_of.name.lower()
         has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
     else:
@@ -110,33 +116,44 @@ def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tupl
     if "year" in table.columns and "month" in table.columns:
         parts = (table.values["year"], table.values["month"], numbers_of(dates, table.decimal_comma))
         ymd = [np.nan_to_num(part, nan=-1.0) for part in parts]
-        dates = [f"{year:.0f}-{month:.0f}-{of_month:.0f}" for year, month, of_month in zip(*ymd, strict=True)]
+        dates = [
+            f"{full_year(int(year))}-{month:.0f}-{of_month:.0f}" if year >= 0.0 else ""
+            for year, month, of_month in zip(*ymd, strict=True)
+        ]
     stamps, assumed = days(dates, options.day_first)
     content.notes += [_ORDER_NOTE] * assumed
     for role, unit_s in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
         stamps = stamps + unit_s * table.values.get(role, 0.0)
-    is_utc = any("utc" in column.name.lower() for column in table.columns.values())
+    if "half_day" in table.columns and "hour" in table.columns:
+        halves, hours = np.char.lower(np.char.strip(table.values["half_day"])), table.values["hour"]
+        stamps = stamps + 3600.0 * (12.0 * (np.char.startswith(halves, "p") & (hours < 12.0)))
+        stamps = stamps - 3600.0 * (12.0 * (np.char.startswith(halves, "a") & (hours >= 12.0)))
+    name = " ".join(table.columns[role].name.lower() for role in ("date", *DATE_PARTS) if role in table.columns)
+    stamps, is_utc = stamps - header_zone_s(name), "utc" in name
     return ((Clock.UTC if is_utc else Clock.LOCAL), stamps) if np.isfinite(stamps).any() else None
 
 
-def _past_midnight(clock: Array, day: Array, date_of: Column, content: LogContent) -> Array:
+def _past_midnight(clock: Array, day: Array, table: Table, content: LogContent) -> Array:
     """Dates (n,), s since 1970, of rows with one date in all of them, which may be that of the first row.
 
     Args:
-        clock: Seconds of the day, (n,). If only midnights turn it back, days begin there.
+        clock: Seconds of the day, (n,). If only midnights turn a vehicle's back, days begin there.
         day: Seconds since 1970 of the dates, (n,).
-        date_of: The column of dates.
+        table: Its vehicles have rows of their own.
         content: Takes a note.
     """
-    known = np.flatnonzero(np.isfinite(clock + day))
-    steps = np.diff(clock[known])
-    turns = steps < -_BACK_S
-    if not turns.any() or np.ptp(day[known]) > 0.0 or (steps[turns] > _MIDNIGHT_S).any():
-        return day
-    content.notes.append(f"column {date_of.name} has the first day's date after midnight, too; later days are counted")
-    begun = np.zeros(len(clock))
-    begun[known[1:][turns]] = 86_400.0
-    dates: Array = day + np.cumsum(begun)
+    is_known, dates, turned = np.isfinite(clock + day), day.copy(), False
+    for _, mask in vehicles_of(table):
+        rows = np.flatnonzero(mask & is_known)
+        steps = np.diff(clock[rows])
+        turns = steps < -_BACK_S
+        if not turns.any() or np.ptp(day[rows]) > 0.0 or (steps[turns] > _MIDNIGHT_S).any():
+            continue
+        dates[rows[1:]] += 86_400.0 * np.cumsum(turns)
+        turned = True
+    if turned:
+        name = table.columns["date"].name
+        content.notes.append(f"column {name} has the first day's date after midnight, too; later days are counted")
     return dates
 
 
@@ -178,6 +195,6 @@ def _from_numbers(
         day, _ = days(table.values["date"].tolist(), options.day_first)
         if np.isfinite(day).mean() > 0.5:
             name = f"{column.name} {table.columns['date'].name}".lower()
-            day = _past_midnight(times, day, table.columns["date"], content)
+            day = _past_midnight(times, day, table, content)
             return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times - header_zone_s(name)
     return Clock.ELAPSED, times

@@ -31,8 +31,8 @@ SAMPLE_LETTERS = 100_000
 TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day")
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
-#: More names than these in a column of vehicles, or of sounders, number something else.
-_MOST_VEHICLES, _MOST_SOUNDERS = 20, 50
+#: More names than these in a column of sounders number something else.
+_MOST_SOUNDERS = 50
 #: Units that differ by less than this share are the same.
 _SAME_UNIT = 1e-5
 #: Metres of a degree.
@@ -190,15 +190,6 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
     )
 
 
-def vehicles_of(table: Table) -> list[tuple[str, Mask]]:
-    """Each vehicle of a table: words for its log's name, and the mask of its rows."""
-    vehicles = table.values.get("vehicle")
-    names = [] if vehicles is None else np.unique(vehicles).tolist()
-    if not 1 < len(names) <= _MOST_VEHICLES:
-        return [("", np.ones(table.count, dtype=bool))]
-    return [(f", vehicle {name}", vehicles == name) for name in names]
-
-
 def _stated_std(table: Table) -> Array | None:
     """Standard deviations north and east (m), shape (n, 2), if the table has them."""
     if not {"north_std", "east_std"} <= table.values.keys():
@@ -300,15 +291,24 @@ def _below_surface(table: Table, depths: Array, is_asked: bool, content: LogCont
     column, altitude = table.columns.get("above_bottom"), table.columns.get("altitude")
     if column is None:
         heights = table.values.get("altitude", np.empty(0))
-    if not is_asked and table.columns["depth"].role == "depth" and _follows(heights, depths):
-        content.notes.append(f"column {column.name} is not added: it follows the depth, as below a boat")
-        return depths
         heights = heights[np.isfinite(heights)]
         if altitude is not None and len(heights) and 0.0 < heights.min() <= heights.max() < _LOW_M:
             content.questions.append(
                 f"column {altitude.name} is not used. If it is the height above the bottom of a vehicle at the depth "
                 f"{table.columns['depth'].name}, add it: --columns with depth and altitude in their places"
             )
+        return depths
+    factor, heights = factor_of(column.unit), table.values["above_bottom"]
+    heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights) * (factor or 1.0)
+    if not is_asked and table.columns["depth"].role == "depth" and _follows(heights, depths):
+        content.notes.append(f"column {column.name} is not added: it follows the depth, as below a boat")
+        return depths
+    content.notes.append(f"plus column {column.name}{_unit_note(column, factor)}, the height above the bottom")
+    missing = np.isfinite(depths) & np.isnan(heights)
+    content.left_out[f"depths without a height above the bottom (column {column.name})"] += int(missing.sum())
+    return depths + heights
+
+
 def _follows(heights: Array, depths: Array) -> bool:
     """Whether heights above the bottom rise and fall with the depths (n,), as if both were of the water."""
     both = np.isfinite(heights) & np.isfinite(depths)
@@ -316,15 +316,6 @@ def _follows(heights: Array, depths: Array) -> bool:
         return False
     apart, own = (values[both] - np.median(values[both]) for values in (depths - heights, depths))
     return bool(np.median(np.abs(apart)) < _FOLLOWS * np.median(np.abs(own)))
-
-
-        return depths
-    factor, heights = factor_of(column.unit), table.values["above_bottom"]
-    heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights) * (factor or 1.0)
-    content.notes.append(f"plus column {column.name}{_unit_note(column, factor)}, the height above the bottom")
-    missing = np.isfinite(depths) & np.isnan(heights)
-    content.left_out[f"depths without a height above the bottom (column {column.name})"] += int(missing.sum())
-    return depths + heights
 
 
 def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | None:

@@ -28,7 +28,7 @@ _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
 #: ISO 8601 without signs: 20250614T100000Z.
 _COMPACT = re.compile(r"\s*(\d{8})T?[ _]?(\d{2})(\d{2})(\d{2}(?:\.\d*)?)(\s*(?:Z|[+-]\d{2}(?::?\d{2})?)?)$")
 #: A year and the day in it, as in 2025-165.
-_YEAR_DAY = re.compile(r"(\d{4})-?(\d{3})$")
+_YEAR_DAY = re.compile(r"((?:19|20)\d{2})-?(\d{3})$")
 #: Months by the beginnings of their English, German, French, Spanish and Italian names.
 _MONTHS = {
     "jan": 1, "gen": 1, "ene": 1, "feb": 2, "fev": 2, "fév": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "avr": 4,
@@ -122,10 +122,10 @@ def _with_numbers(text: str) -> str:
         rest = text[match.end() :]
     else:
         return text
-    return f"{_year(int(year))}-{_MONTHS[name.lower()]}-{day}{rest}"
+    return f"{full_year(int(year))}-{_MONTHS[name.lower()]}-{day}{rest}"
 
 
-def _year(number: int) -> int:
+def full_year(number: int) -> int:
     """A year of two digits in full: 1980 to 2079."""
     return number + (0 if number > 99 else 1900 if number >= 80 else 2000)
 
@@ -146,7 +146,7 @@ def _date(text: str, day_first: bool) -> float:
         parts = [int(part) for part in match.groups() if part]
     elif match := _YEAR_LAST.match(text):
         first, second, year = (int(part) for part in match.groups())
-        parts = [_year(year), second, first] if day_first else [_year(year), first, second]
+        parts = [full_year(year), second, first] if day_first else [full_year(year), first, second]
     else:
         return float("nan")
     try:
