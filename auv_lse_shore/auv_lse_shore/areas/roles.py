@@ -41,7 +41,8 @@ _ROLES = {
 }
 #: Titles of documents that hold no-go areas and nothing else.
 _NO_GO_TITLE = re.compile(
-    rf"(?!.*\b(?:and|und|et|with|plus|survey|mission|operating|boundary|perimeter|inclu\w*|geofence)\b)"
+    rf"(?!.*\b(?:and|und|et|with|plus|survey|mission|operating|boundary|perimeter|incl|inclu\w*|geofence|start"
+    rf"|launch|recovery)\b)"
     rf"(?:.*\b(?:{_KEEP_OUT})\b.*|(?:{_OBJECTS}|hazards)(?: (?:zones?|areas?|polygons?))?(?: km[lz])?(?: \d+)?)"
 )
 

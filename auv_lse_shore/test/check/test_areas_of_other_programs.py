@@ -98,7 +98,16 @@ def test_the_title_of_a_document_of_no_go_areas_counts(tmp_path, title):
 
 @pytest.mark.parametrize(
     "title",
-    ["Island Lake", "Survey and no-go zones", "islands of the Untersee", "Danger Bay", "geofence, no-go", "Bay"],
+    [
+        "Island Lake",
+        "Survey and no-go zones",
+        "islands of the Untersee",
+        "Danger Bay",
+        "geofence, no-go",
+        "Bay",
+        "Lough Derg incl. no-go",
+        "Team 3: area, no-go zones, start positions",
+    ],
 )
 def test_the_title_of_a_document_may_contain_words_of_no_go_areas(tmp_path, title):
     content = read(tmp_path, document(f"<name>{title}</name>{placemark('Bay', polygon(LAKE))}"))
