@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 
+import numpy as np
 import pytest
 from adjust.survey_logs import START_S
 from adjust.tables import ROWS, checked, gathered, lines, utc
@@ -152,3 +153,12 @@ def test_positions_with_standard_deviations_may_all_be_missing(tmp_path):
     data = lines("lat,lon,depth,utc,north_std_m,east_std_m", lambda t, a, o, d: f"0,0,{d:.3f},{utc(t)},1,1")
     with pytest.raises(LogError, match=r"has no usable positions \(120 positions at 0, 0"):
         gathered(tmp_path, data)
+
+
+def test_rows_out_of_order_around_midnight_under_one_date_are_of_one_night(tmp_path):
+    def row(t, a, o, d):
+        late_s = 3.0 if int(t) % 3 == 1 else 0.0
+        return f"2026-06-14,{utc(t - START_S - 60.0 - late_s, '%H:%M:%S')},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines("date,time,lat,lon,depth", row))
+    assert np.ptp(found.placed[0].soundings[:, 0]) < 130.0

@@ -149,7 +149,9 @@ def _past_midnight(clock: Array, day: Array, table: Table, content: LogContent) 
         turns = steps < -_BACK_S
         if not turns.any() or np.ptp(day[rows]) > 0.0 or (steps[turns] > _MIDNIGHT_S).any():
             continue
-        dates[rows[1:]] += 86_400.0 * np.cumsum(turns)
+        # a row of before midnight between others of after it
+        begun = np.cumsum(turns.astype(int) - (steps > 86_400.0 - _BACK_S))
+        dates[rows[1:]] += 86_400.0 * (begun - np.minimum.accumulate(begun.clip(max=0)))
         turned = True
     if turned:
         name = table.columns["date"].name
