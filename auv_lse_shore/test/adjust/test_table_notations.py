@@ -162,3 +162,15 @@ def test_rows_out_of_order_around_midnight_under_one_date_are_of_one_night(tmp_p
 
     found = gathered(tmp_path, lines("date,time,lat,lon,depth", row))
     assert np.ptp(found.placed[0].soundings[:, 0]) < 130.0
+
+
+@pytest.mark.parametrize(("header", "is_read"), [("depth", True), ("vehicle_depth", False)])
+def test_an_empty_column_of_heights_above_the_bottom_is_ignored_beside_a_depth(tmp_path, header, is_read):
+    data = lines(f"lat,lon,{header},altimeter,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},,{utc(t)}")
+    if is_read:
+        found = gathered(tmp_path, data)
+        checked(found)
+        assert "column altimeter is not added: it is empty" in found.lines[0]
+    else:
+        with pytest.raises(LogError, match="120 depths without a height above the bottom"):
+            gathered(tmp_path, data)

@@ -286,7 +286,8 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
 def _below_surface(table: Table, depths: Array, is_asked: bool, content: LogContent) -> Array:
     """Depths of the water (m): those of a table, plus the heights above the bottom of a vehicle under water.
 
-    Heights that follow the depths are those of a boat's transducer, unless the user asked to add them.
+    An empty column adds nothing, and heights that follow the depths are those of a boat's transducer, unless the user
+    asked to add them.
     """
     column, altitude = table.columns.get("above_bottom"), table.columns.get("altitude")
     if column is None:
@@ -300,8 +301,10 @@ def _below_surface(table: Table, depths: Array, is_asked: bool, content: LogCont
         return depths
     factor, heights = factor_of(column.unit), table.values["above_bottom"]
     heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights) * (factor or 1.0)
-    if not is_asked and table.columns["depth"].role == "depth" and _follows(heights, depths):
-        content.notes.append(f"column {column.name} is not added: it follows the depth, as below a boat")
+    is_empty = bool(np.isnan(table.values["above_bottom"]).all())
+    if not is_asked and table.columns["depth"].role == "depth" and (is_empty or _follows(heights, depths)):
+        why = "it is empty" if is_empty else "it follows the depth, as below a boat"
+        content.notes.append(f"column {column.name} is not added: {why}")
         return depths
     content.notes.append(f"plus column {column.name}{_unit_note(column, factor)}, the height above the bottom")
     missing = np.isfinite(depths) & np.isnan(heights)
