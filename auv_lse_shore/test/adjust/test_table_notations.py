@@ -174,3 +174,12 @@ def test_an_empty_column_of_heights_above_the_bottom_is_ignored_beside_a_depth(t
     else:
         with pytest.raises(LogError, match="120 depths without a height above the bottom"):
             gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("", 0.3048), (" (m)", 1.0)])
+def test_the_depth_unit_is_that_of_heights_above_the_bottom_without_their_own(tmp_path, unit, factor):
+    def row(t, a, o, d):
+        return f"{a:.8f},{o:.8f},{(d - 2.0) / 0.3048:.4f},{2.0 / factor:.4f},{utc(t)}"
+
+    data = lines(f"lat,lon,depth,distance to bottom{unit},utc", row)
+    checked(gathered(tmp_path, data, "--depth-unit", "ft"))

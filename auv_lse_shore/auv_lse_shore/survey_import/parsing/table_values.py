@@ -274,7 +274,7 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     values = values if stated is None else values * stated
     known = values[np.isfinite(values)]
     if role == "depth":
-        values = _below_surface(table, content.downward(values), bool(options.columns), content)
+        values = _below_surface(table, content.downward(values), options, content)
     else:
         values = _from_elevations(table, column, role, values, known, options)
     absurd = np.abs(values) > _DEEPEST_M
@@ -283,11 +283,11 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
 
 
-def _below_surface(table: Table, depths: Array, is_asked: bool, content: LogContent) -> Array:
+def _below_surface(table: Table, depths: Array, options: ReadOptions, content: LogContent) -> Array:
     """Depths of the water (m): those of a table, plus the heights above the bottom of a vehicle under water.
 
     An empty column adds nothing, and heights that follow the depths are those of a boat's transducer, unless the user
-    asked to add them.
+    names the columns.
     """
     column, altitude = table.columns.get("above_bottom"), table.columns.get("altitude")
     if column is None:
@@ -299,10 +299,10 @@ def _below_surface(table: Table, depths: Array, is_asked: bool, content: LogCont
                 f"{table.columns['depth'].name}, add it: --columns with depth and altitude in their places"
             )
         return depths
-    factor, heights = factor_of(column.unit), table.values["above_bottom"]
+    factor, heights = factor_of(column.unit) or options.depth_unit_m, table.values["above_bottom"]
     heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights) * (factor or 1.0)
     is_empty = bool(np.isnan(table.values["above_bottom"]).all())
-    if not is_asked and table.columns["depth"].role == "depth" and (is_empty or _follows(heights, depths)):
+    if not options.columns and table.columns["depth"].role == "depth" and (is_empty or _follows(heights, depths)):
         why = "it is empty" if is_empty else "it follows the depth, as below a boat"
         content.notes.append(f"column {column.name} is not added: {why}")
         return depths
