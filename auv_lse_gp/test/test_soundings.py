@@ -41,6 +41,14 @@ def test_decimal_commas_between_other_separators(tmp_path, separator):
     assert read_soundings(path).tolist() == [[10.25, 20.5, 5.5]]
 
 
+def test_the_middle_of_longitudes_of_0_to_360_degrees_on_both_sides_of_greenwich_is_between_them(tmp_path):
+    path = tmp_path / "survey.csv"
+    path.write_text("lat,lon,depth_m\n51.48,359.999,10\n51.48,0.001,11\n")
+    soundings, origin = read_soundings_and_origin(path)
+    assert origin == pytest.approx((51.48, 0.0), abs=1e-9)
+    assert np.abs(soundings[:, :2]).max() < 100.0
+
+
 def test_the_middle_of_soundings_on_both_sides_of_the_antimeridian_is_between_them(tmp_path):
     path = tmp_path / "survey.csv"
     path.write_text("lat,lon,depth_m\n-16.8,179.999,10\n-16.802,-179.997,11\n")

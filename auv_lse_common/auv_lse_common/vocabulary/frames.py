@@ -52,9 +52,16 @@ def heading_from_quaternion(x: float, y: float, z: float, w: float) -> float:
 
 
 def unwrapped_deg(lon_deg: Any) -> Array:
-    """Longitudes (deg) without a jump between them: from 0 to 360 if some lie on both sides of the antimeridian."""
+    """Longitudes (deg) without a jump between them.
+
+    From 0 to 360 if some lie on both sides of the antimeridian, from -180 to 180 if they are written from 0 to 360 and
+    lie on both sides of Greenwich.
+    """
     lon = np.asarray(lon_deg, float)
-    return lon % 360.0 if lon.size and float(np.ptp(lon)) > 180.0 else lon
+    if not lon.size or float(np.ptp(lon)) <= 180.0:
+        return lon
+    from_0, from_180 = lon % 360.0, (lon + 180.0) % 360.0 - 180.0
+    return from_180 if float(np.ptp(from_180)) <= 180.0 < float(np.ptp(from_0)) else from_0
 
 
 @lru_cache(maxsize=8)

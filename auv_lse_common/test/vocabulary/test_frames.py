@@ -65,6 +65,9 @@ def test_positions_survive_the_geodetic_round_trip(north_m: float, east_m: float
 def test_longitudes_on_both_sides_of_the_antimeridian_have_no_jump() -> None:
     assert unwrapped_deg([179.9, -179.9]).tolist() == pytest.approx([179.9, 180.1])
     assert unwrapped_deg([-0.1, 0.1]).tolist() == [-0.1, 0.1]
+    assert unwrapped_deg([359.9, 0.1]).tolist() == pytest.approx([-0.1, 0.1])
+    globe = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
+    assert unwrapped_deg(globe).tolist() == globe
     assert unwrapped_deg([]).tolist() == []
 
 
