@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
-from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
+from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_gp.inference.banks import Banks, depths
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior
@@ -49,18 +49,17 @@ class OnlineGp:
         last_problem: Reason of the last rejected sounding; "" without one.
     """
 
-    def __init__(self, config: GpConfig, mean: PriorMean | None = None, banks: Banks | None = None) -> None:
+    def __init__(self, config: GpConfig, banks: Banks | None = None) -> None:
         """Starts with no data.
 
         Args:
-            mean: Prior mean (P, 2) -> (P,) of open ground; by default the one that `config` describes.
             banks: The banks of the area; None: all ground is open.
         """
         self.config = config
         self.counts = Counts()
         self.revision = 0
         self.last_problem = ""
-        self.banks, self.prior_mean = banks, mean or prior_mean(config)
+        self.banks, self.prior_mean = banks, prior_mean(config)
         self._posterior = Posterior(config, self.prior_mean, banks)
         self.kernel = self._posterior.kernel
         self._tiled = TiledPosterior(self._posterior)

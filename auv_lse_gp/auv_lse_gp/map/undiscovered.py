@@ -104,13 +104,8 @@ class Undiscovered:
         return sorted(found, key=lambda patch: -patch[2])
 
 
-def hypotheses(config: GpConfig, centers: Centers, banks: Banks | None = None) -> list[Hypothesis]:
-    """Posteriors of several length scales that the soundings support, by decreasing weight."""
-    return finish(hypotheses_in_parts(config, centers, banks))
-
-
-def hypotheses_in_parts(config: GpConfig, centers: Centers, banks: Banks | None = None) -> Work[list[Hypothesis]]:
-    """As `hypotheses`.
+def hypotheses_in_parts(config: GpConfig, centers: Centers, banks: Banks | None) -> Work[list[Hypothesis]]:
+    """Posteriors of several length scales that the soundings support, by decreasing weight.
 
     Every third length scale is tried first, then those beside one that has some weight: the likelihood changes slowly.
     """

@@ -14,10 +14,22 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.map.undiscovered import STD_WORTH, coarse_grid, draws, hypotheses, undiscovered
+from auv_lse_gp.inference.work import finish
+from auv_lse_gp.map.undiscovered import (
+    STD_WORTH,
+    Hypothesis,
+    coarse_grid,
+    draws,
+    hypotheses_in_parts,
+    undiscovered,
+)
 
 AREA = OperatingArea(AreaConfig(polygon_m=[0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0]))
 CONFIG = GpConfig()
+
+
+def hypotheses(data: Centers) -> list[Hypothesis]:
+    return finish(hypotheses_in_parts(CONFIG, data, None))
 
 
 def nowhere(locations: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -36,7 +48,7 @@ def surveyed(length_scale_m: float, north_m: float = 300.0) -> Centers:
 
 @pytest.mark.parametrize("length_scale_m", [50.0, 120.0])
 def test_soundings_tell_the_length_scale(length_scale_m: float) -> None:
-    found = hypotheses(CONFIG, surveyed(length_scale_m))
+    found = hypotheses(surveyed(length_scale_m))
     mean = sum(h.weight * h.posterior.kernel.length_m for h in found)
     assert sum(h.weight for h in found) == pytest.approx(1.0)
     assert mean == pytest.approx(length_scale_m, rel=0.4)
@@ -46,7 +58,7 @@ def test_hypotheses_are_weighted_by_their_marginal_likelihood() -> None:
     """Against dense algebra: the variance c^2 counts as one sounding of 1, and is integrated out."""
     data = surveyed(85.0, 60.0)
     worth, logs = STD_WORTH, {}
-    for hypothesis in hypotheses(CONFIG, data):
+    for hypothesis in hypotheses(data):
         kernel = hypothesis.posterior.kernel
         covariance = kernel(data.locations_m, data.locations_m) + np.diag(data.noise_std_m**2)
         residual = data.depths_m - hypothesis.posterior.prior_mean(data.locations_m)
@@ -59,7 +71,7 @@ def test_hypotheses_are_weighted_by_their_marginal_likelihood() -> None:
 
 
 def test_without_soundings_every_length_scale_counts_the_same() -> None:
-    found = hypotheses(CONFIG, NO_CENTERS)
+    found = hypotheses(NO_CENTERS)
     assert [h.weight for h in found] == pytest.approx([1.0 / 21.0] * 21)
 
 
@@ -115,4 +127,4 @@ def test_many_soundings_are_thinned_and_a_large_area_has_larger_cells() -> None:
     assert coarse_grid(grid, 5.0).inside.sum() < 5500
     rng = np.random.default_rng(4)
     many = Centers(rng.uniform(0.0, 2000.0, (1500, 2)), rng.normal(15.0, 3.0, 1500), np.full(1500, 0.3))
-    assert hypotheses(CONFIG, many)[0].posterior.data_rows == 1200
+    assert hypotheses(many)[0].posterior.data_rows == 1200

@@ -54,7 +54,6 @@ class ModemEmulator:
         transmit: Callable[[Transmission], float | None],
         *,
         clock_error_s: float = 0.0,
-        version: str = VERSION,
         pps: bool = True,
     ) -> None:
         """Creates a modem without power; `boot` starts it.
@@ -62,7 +61,6 @@ class ModemEmulator:
         Args:
             transmit: Takes a packet into the water; returns its duration (s), or None for the nominal one.
             clock_error_s: The modem's clock minus the simulation's clock (s), until it is set.
-            version: Firmware version in `$CAREV`.
             pps: Whether a PPS is connected; it is used with SNV on.
         """
         self._host = HostInterface(clock_error_s, pps)
@@ -70,7 +68,6 @@ class ModemEmulator:
         self._transmit = transmit
         self._transmitter = Transmitter(self._host, transmit)
         self._pings = Pings(lambda: self.address, self._host.write, self._transmit_mini)
-        self._version = version
         self._reader = SentenceReader()
         self._bad_lines = 0
         self._revision_s = -math.inf
@@ -102,7 +99,7 @@ class ModemEmulator:
 
     def _write_revision(self, now_s: float) -> None:
         self._revision_s = now_s
-        self._host.write(Revision(time=self._host.clock_text(now_s), ident="AUV", version=self._version))
+        self._host.write(Revision(time=self._host.clock_text(now_s), ident="AUV", version=VERSION))
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Takes bytes from the host."""

@@ -160,7 +160,6 @@ class _Sound:
     end_s: float
     range_m: float
     level_db: float
-    rate: int
     obstacle: str  # why the link is blocked, or ""
     lost: bool
     luck: float
@@ -194,13 +193,13 @@ class Channel:
         self._until_s = -math.inf
         self._noise_db = config.noise_level_db + 10.0 * math.log10(config.bandwidth_khz * 1000.0)
 
-    def duration_s(self, n_bytes: int, rate: int | None = None) -> float:
+    def duration_s(self, n_bytes: int) -> float:
         """Duration of a transmission of this many bytes (s).
 
         Raises:
             ValueError: if they do not fit into one packet of the rate.
         """
-        rate = self.config.rate if rate is None else rate
+        rate = self.config.rate
         table = RATES[rate]
         if not 0 <= n_bytes <= table.frames * table.frame_bytes:
             raise ValueError(
@@ -215,7 +214,6 @@ class Channel:
         source: int,
         payload: bytes,
         positions: Mapping[int, Position],
-        rate: int | None = None,
     ) -> float:
         """Starts a vehicle's transmission.
 
@@ -223,7 +221,6 @@ class Channel:
             now_s: Its start (s), not before the time of the last `arrivals`.
             source: Its number.
             positions: Every vehicle's position now, by number: north, east, depth (m).
-            rate: Packet rate; None: the configured one.
 
         Returns:
             When the transmission ends at the sender (s).
@@ -232,8 +229,7 @@ class Channel:
             ValueError: if the time precedes the last `arrivals`, the vehicle is still sending or has no position, or
                 the payload does not fit into a packet.
         """
-        rate = self.config.rate if rate is None else rate
-        end = now_s + self.duration_s(len(payload), rate)
+        end = now_s + self.duration_s(len(payload))
         if not now_s >= self._until_s:
             raise ValueError(f"transmission at {now_s} s: arrivals until {self._until_s} s were given already")
         if source not in positions:
@@ -260,7 +256,6 @@ class Channel:
                     end_s=start + (end - now_s),
                     range_m=distance,
                     level_db=level + self.config.fading_db * float(fading),
-                    rate=rate,
                     obstacle=self._obstacle(now_s, source, receiver, here, there),
                     lost=float(lost) < self.config.packet_loss,
                     luck=float(luck),
@@ -323,8 +318,8 @@ class Channel:
             why, ratio_db = sound.obstacle, -math.inf
         elif sending:
             why = "half_duplex"
-        elif self.config.frame_errors and sound.luck < float(frame_error_rate(ratio_db, sound.rate)):
-            alone_ok = sound.luck >= float(frame_error_rate(alone_db, sound.rate))
+        elif self.config.frame_errors and sound.luck < float(frame_error_rate(ratio_db, self.config.rate)):
+            alone_ok = sound.luck >= float(frame_error_rate(alone_db, self.config.rate))
             why = "interference" if alone_ok else "noise"
         else:
             why = "random" if sound.lost else ""
