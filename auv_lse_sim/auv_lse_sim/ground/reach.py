@@ -81,11 +81,13 @@ def _reason(part: UnreachedPart) -> str:
 
 
 def _hectares(area_m2: float) -> str:
-    return f"{area_m2 / 1e4:.1f} ha"
+    return f"{area_m2 / 1e4:.1f} ha" if area_m2 >= 1e3 else f"{area_m2:.0f} m2"
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %" if share >= 0.01 else f"{100.0 * share:.1f} %"
+    if share >= 0.01:
+        return f"{100.0 * share:.0f} %"
+    return f"{100.0 * share:.1f} %" if share >= 0.0005 else "less than 0.1 %"
 
 
 def _rings(space: FreeSpace, part: UnreachedPart) -> list[shapely.LinearRing]:

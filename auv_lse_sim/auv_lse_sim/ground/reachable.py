@@ -1,13 +1,12 @@
 """Ground that vehicles can reach from their starts by feasible actions.
 
 The flood keeps the first state found in each bin of location and heading, and expands it by its feasible actions.
-States
-are not rounded, so whatever is flooded can be reached: also ground behind a strait that one leg bridges, from a
-location
-with room for a turn to another. Ground counts as reached within the margin and a turning loop's reach of a flooded
-state, along ways inside the area.
+States are not rounded, so whatever is flooded can be reached: also ground behind a strait that one leg bridges, from a
+location with room for a turn to another. Ground counts as reached within the margin and a turning loop's reach of a
+flooded state, along ways inside the area.
 
-An area that consists of open water alone, which is wide enough for a turning loop everywhere, needs no flood.
+A vehicle can move turning loops through connected water that is wide enough for them (*open water*). So all of it is
+reached as soon as the loop of one state lies in it, with every heading that the actions lead to.
 """
 
 from __future__ import annotations
@@ -24,26 +23,23 @@ from scipy import ndimage
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import (
     FreeSpace,
-    clearance_at,
     end_of_leg,
     escape_action,
     is_feasible,
-    loop_clearance,
-    safe_reach,
 )
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Size of the flood's bins: location (m), and heading. Bins are larger where all actions are feasible.
-BIN_M, HEADINGS = 4.0, 72
-ROOMY_BINS, ROOMY_HEADINGS = 4, 12
-#: Maximum number of bins; larger areas get larger ones.
-MAX_BINS = 2.0e7
-#: Clearance (m) beyond a turning loop's reach at which ground is open water.
-OPEN_M = 4.0
-#: Layers of the flood between checks whether everything is reached.
-LAYERS_PER_CHECK = 8
+#: Bins of the flood: their size (m), at most that share of the shortest leg, and the number of headings.
+BIN_M, BIN_SHARE, HEADINGS = 4.0, 0.2, 72
+#: Clearance of the loops' centers in open water / a turning loop's reach.
+OPEN = 1.25
+#: Layers of the flood before the first check whether everything is reached, and their growth from check to check: in a
+#: large area a check takes longer than many layers.
+FIRST_CHECK, CHECK_GROWTH = 8, 1.5
+#: States that are expanded at once.
+BLOCK = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +69,7 @@ def unreached_parts(space: FreeSpace, starts: Array) -> list[UnreachedPart]:
         starts: Initial states of the vehicles, shape (V, 3).
     """
     inside = space.area_raster > -space.margin_m
-    if not math.isfinite(_reach_m(space)) or _is_open_water(space, inside, starts):
+    if not math.isfinite(_reach_m(space)):
         return []
     reached = _flooded(space, inside, starts)
     if not reached.any():
@@ -111,20 +107,6 @@ def _missing(space: FreeSpace, rest: Mask) -> tuple[NDArray[np.int32], list[int]
     return labels, [int(i) + 1 for i in order if sizes[i] >= math.pi * _reach_m(space) ** 2]
 
 
-def _is_open_water(space: FreeSpace, inside: Mask, starts: Array) -> bool:
-    """Whether the area has a single part that is wide enough for turning loops, next to all ground and all starts."""
-    labels, count = ndimage.label(space.area_raster >= _reach_m(space) + OPEN_M)
-    if count != 1:
-        return False
-    near = _widened(labels > 0, inside, _count_nodes(space, _beyond_m(space) + _reach_m(space)))
-    arguments = space.arguments(static=True)
-    safe = [
-        max(loop_clearance(arguments, h, n, e, side) for side in (0, 1)) >= 0.5 * space.motion.spacing_m
-        for h, n, e in starts
-    ]
-    return bool(near[_nodes_at(space, starts[:, 1:])].all()) and all(safe) and not _missing(space, inside & ~near)[1]
-
-
 def _nodes_at(space: FreeSpace, locations_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and columns of the raster's nodes nearest to locations (P, 2)."""
     row = np.rint((locations_m[:, 0] - space.north0_m) / space.cell_m).astype(np.int64)
@@ -133,23 +115,54 @@ def _nodes_at(space: FreeSpace, locations_m: Array) -> tuple[NDArray[np.int64], 
 
 
 @compiled
-def expand(space, states, origin, bin_m, roomy_m, seen):
-    """The states after one feasible action from `states` (S, 3), of bins that are not yet in `seen` (R, C, H).
+def node_at(space, north, east):
+    """Row and column of the raster's node nearest to a location."""
+    row = math.floor((north - space.north0) / space.cell + 0.5)
+    column = math.floor((east - space.east0) / space.cell + 0.5)
+    return min(max(row, 0), space.raster.shape[0] - 1), min(max(column, 0), space.raster.shape[1] - 1)
+
+
+@compiled
+def water_of(space, open_water, heading, north, east):
+    """Number of the open water that has the center of one of a state's turning loops, 0 if none has."""
+    cos_h, sin_h = math.cos(heading), math.sin(heading)
+    water = 0
+    for side in range(2):
+        ahead, starboard = space.loops[side, 0], space.loops[side, 1]
+        row, column = node_at(
+            space, north + cos_h * ahead - sin_h * starboard, east + sin_h * ahead + cos_h * starboard
+        )
+        water = max(water, open_water[row, column])
+    return water
+
+
+@compiled
+def waters_of(space, open_water, states):
+    """`water_of` of each state, (S, 3) -> (S,)."""
+    waters = np.empty(states.shape[0], dtype=np.int32)
+    for s in range(states.shape[0]):
+        waters[s] = water_of(space, open_water, states[s, 0], states[s, 1], states[s, 2])
+    return waters
+
+
+@compiled
+def expand(space, states, bins, open_water, entered, heading0, seen):
+    """The states after one feasible action from `states` (S, 3), of bins that are not yet in `seen` (B, H).
 
     Each row (M, 5) has the state and the middle of the leg to it: heading, north, east, north, east.
 
     Args:
         space: `FreeSpace.arguments(static=True)`.
-        origin: Heading (rad), north and east (m) of the first bin, shape (3,).
-        bin_m: Size of a bin.
-        roomy_m: Clearance from which all actions are feasible (`safe_reach`).
+        bins: Number of each raster node's bin (N, E).
+        open_water: Number of the open water of each raster node (N, E), 0 elsewhere.
+        entered: Whether each open water was reached already, (W,); set for those that the states lead to.
+        heading0: Heading (rad) of the first bin.
     """
-    kinds, headings, middle = space.turns.shape[0], seen.shape[2], int(0.5 * space.longest / space.spacing + 0.5)
+    kinds, headings, middle = space.turns.shape[0], seen.shape[1], int(0.5 * space.longest / space.spacing + 0.5)
     found = np.empty((states.shape[0] * kinds, 5))
     count = 0
     for s in range(states.shape[0]):
         heading, north, east = states[s, 0], states[s, 1], states[s, 2]
-        roomy = clearance_at(space, north, east) >= roomy_m
         stuck = True
         for k in range(kinds + 1):
             if k == kinds:
@@ -159,20 +172,17 @@ def expand(space, states, origin, bin_m, roomy_m, seen):
             else:
                 action = k
             h, n, e = end_of_leg(space, heading, north, east, action)
-            row = min(max(int((n - origin[1]) / bin_m), 0), seen.shape[0] - 1)
-            column = min(max(int((e - origin[2]) / bin_m), 0), seen.shape[1] - 1)
-            number = math.floor((h - origin[0]) / (2.0 * math.pi) * headings + 0.5) % headings
-            if clearance_at(space, n, e) >= roomy_m:
-                row -= row % ROOMY_BINS
-                column -= column % ROOMY_BINS
-                number -= number % ROOMY_HEADINGS
-            if seen[row, column, number]:
+            row, column = node_at(space, n, e)
+            number = math.floor((h - heading0) / (2.0 * math.pi) * headings + 0.5) % headings
+            water = water_of(space, open_water, h, n, e)
+            if entered[water] or seen[bins[row, column], number]:
                 stuck = False  # only feasible actions lead to a seen bin, or none that matters
                 continue
-            if k < kinds and not (roomy or is_feasible(space, heading, north, east, action)):
+            if k < kinds and not is_feasible(space, heading, north, east, action):
                 continue
             stuck = False
-            seen[row, column, number] = True
+            seen[bins[row, column], number] = True
+            entered[water] = water > 0
             found[count, 0], found[count, 1], found[count, 2] = h, n, e
             ahead, starboard = space.tracks[action, middle, 0], space.tracks[action, middle, 1]
             cos_h, sin_h = math.cos(heading), math.sin(heading)
@@ -182,28 +192,86 @@ def expand(space, states, origin, bin_m, roomy_m, seen):
     return found[:count].copy()
 
 
+def _nodes_per_bin(space: FreeSpace) -> int:
+    """Number of the raster's nodes along a side of the flood's bins."""
+    leg_m = float(np.hypot(*space.motion.steps_m.T).min())
+    return max(1, math.floor(min(BIN_M, BIN_SHARE * leg_m) / space.cell_m))
+
+
+def _bins(space: FreeSpace, used_nodes: Mask) -> NDArray[np.int32]:
+    """Number of the flood's bin of each raster node (N, E), bin 0 where there is none."""
+    side = _nodes_per_bin(space)
+    rows, columns = (np.arange(size) // side for size in used_nodes.shape)
+    used = np.zeros((rows[-1] + 1, columns[-1] + 1), dtype=bool)
+    at = np.nonzero(used_nodes)
+    used[rows[at[0]], columns[at[1]]] = True
+    numbers = np.where(used, np.cumsum(used).reshape(used.shape), 0).astype(np.int32)
+    return np.ascontiguousarray(numbers[rows][:, columns])
+
+
 def _flooded(space: FreeSpace, inside: Mask, starts: Array) -> Mask:
-    """Nodes (N, E) at the ends and middles of feasible legs from the starts; ends early if they are near all ground."""
+    """Nodes (N, E) of open water and at the middles and ends of legs; ends early if they are near all ground."""
     arguments = space.arguments(static=True)
-    extent = np.array(inside.shape) * space.cell_m
-    bin_m = max(BIN_M, math.sqrt(float(extent.prod()) * HEADINGS / MAX_BINS))
-    rows, columns = (math.ceil(size / bin_m) + 1 for size in extent)
-    seen = np.zeros((rows, columns, HEADINGS), dtype=np.bool_)
-    origin = np.array([starts[0, 0], space.north0_m, space.east0_m])
-    reached, layers = np.zeros_like(inside), 0
+    reach_m, leg_m = _reach_m(space), float(space.motion.lengths_m.max())
+    open_water, count = ndimage.label(space.area_raster >= OPEN * reach_m)
+    near_border = space.area_raster < (OPEN + 1.0) * reach_m  # farther away all loops' centers are in open water
+    bins = _bins(space, near_border & (space.area_raster > -space.margin_m - leg_m))
+    seen, entered = np.zeros((int(bins.max()) + 1, HEADINGS), dtype=np.bool_), np.zeros(count + 1, dtype=np.bool_)
+    reached, layers, check_after = np.zeros_like(inside), 0, FIRST_CHECK
     states = np.ascontiguousarray(starts, dtype=float)
     reached[_nodes_at(space, states[:, 1:])] = True
     while len(states):
-        found = expand(arguments, states, origin, bin_m, safe_reach(arguments), seen)
+        waters = waters_of(arguments, open_water, states)
+        if waters.any():
+            entered[waters[waters > 0]] = True
+            opened = np.isin(open_water, waters[waters > 0])
+            reached |= _widened(opened, inside, _count_nodes(space, reach_m))
+            check_after = layers
+        if layers >= check_after:
+            check_after = max(FIRST_CHECK, math.ceil(CHECK_GROWTH * layers))
+            near = _widened(reached, inside, _count_nodes(space, _beyond_m(space)))
+            if not _missing(space, inside & ~near)[1]:
+                break
+        if waters.any():
+            rim = _at_rim(space, opened, inside & (open_water == 0), _headings(space, states[waters > 0, 0]))
+            states = np.concatenate([states[waters == 0], rim])
+        blocks = np.array_split(states, math.ceil(len(states) / BLOCK))
+        found = np.concatenate([expand(arguments, s, bins, open_water, entered, starts[0, 0], seen) for s in blocks])
         states = np.ascontiguousarray(found[:, :3])
         for locations in (found[:, 1:3], found[:, 3:]):
             reached[_nodes_at(space, locations)] = True
         layers += 1
-        if layers % LAYERS_PER_CHECK == 0:
-            near = _widened(reached, inside, _count_nodes(space, _beyond_m(space)))
-            if not _missing(space, inside & ~near)[1]:
-                break
     return reached & inside
+
+
+def _headings(space: FreeSpace, headings: Array) -> Array:
+    """The headings (rad) that turning in open water leads to, each once."""
+    bin_rad = 2.0 * math.pi / HEADINGS
+    known: dict[int, float] = {}
+    ahead = list(headings)
+    while ahead:
+        heading = ahead.pop()
+        number = round(heading / bin_rad) % HEADINGS
+        if number not in known:
+            known[number] = heading
+            ahead.extend(heading + space.motion.turns_rad)
+    return np.array(list(known.values()))
+
+
+def _at_rim(space: FreeSpace, opened: Mask, narrow: Mask, headings: Array) -> Array:
+    """States (S, 3) with these headings on the turning loops along the border of open water."""
+    nodes = np.argwhere(opened & ndimage.binary_dilation(narrow, np.ones((3, 3))))[:: _nodes_per_bin(space)]
+    centers = np.repeat(np.array([space.north0_m, space.east0_m]) + space.cell_m * nodes, len(headings), axis=0)
+    heading = np.tile(headings, len(nodes))
+    cos_h, sin_h = np.cos(heading), np.sin(heading)
+    return np.concatenate([
+        np.column_stack([
+            heading,
+            centers[:, 0] - cos_h * ahead + sin_h * starboard,
+            centers[:, 1] - sin_h * ahead - cos_h * starboard,
+        ])
+        for ahead, starboard, _ in space.motion.loops_m
+    ])  # fmt: skip
 
 
 def _part(space: FreeSpace, nodes: Mask, reached: Mask) -> UnreachedPart:

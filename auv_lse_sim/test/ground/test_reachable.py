@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from planner_helpers import world
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.reachable import unreached_parts
 
 
@@ -53,3 +57,13 @@ def test_the_default_area_can_be_reached_from_anywhere_in_it():
         assert not parts_of(rectangle, (start,))
     island = {"island": (100.0, 150.0, 180.0, 150.0, 180.0, 250.0, 100.0, 250.0)}
     assert not parts_of(rectangle, no_go=island)
+
+
+@pytest.mark.parametrize(("turn_radius_m", "corner_m"), [(2.0, 600.0), (15.0, 9000.0)])
+def test_short_legs_and_a_large_area_leave_nothing_out(turn_radius_m, corner_m):
+    """The start is at the border, so that the flood is needed."""
+    raster_m = turn_radius_m / 3.0
+    polygon = [0.0, 0.0, corner_m, 0.0, corner_m, corner_m, 0.0, corner_m]
+    area = OperatingArea(AreaConfig(polygon_m=polygon, margin_m=turn_radius_m / 1.5, raster_m=raster_m))
+    space = FreeSpace(area, MotionTable(MotionConfig(turn_radius_m=turn_radius_m)), raster_m)
+    assert not unreached_parts(space, np.zeros((1, 3)))
