@@ -79,7 +79,8 @@ def check_recording(settings: Settings, number: int | None, findings: Findings) 
         return
     size = size_of(settings)
     findings.note(
-        f"recording: about {size.vehicle_mb:.0f} MB on each vehicle, {size.mission_mb:.0f} MB of a simulated mission"
+        f"recording: about {max(size.vehicle_mb, 1.0):.0f} MB on each vehicle, "
+        f"{max(size.mission_mb, 1.0):.0f} MB of a simulated mission"
     )
     if number is not None and settings.record.folder:
         folder = Path(settings.record.folder).absolute()

@@ -90,7 +90,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.for_vehicles is not None:
         _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/guide/bench-to-water.md)")
         return 0
-    _say(console, f"run folder: {folder}; the recording takes about {recording_mb(settings):.0f} MB")
+    _say(console, f"run folder: {folder}; the recording takes about {max(recording_mb(settings), 1.0):.0f} MB")
     vehicles, together = settings.mission.vehicles, settings.sim.lockstep
     processes = mission_processes(vehicles, options.modem, options.vehicle_link, together=together)
     with ExitStack() as beside:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import unwrapped_deg
@@ -45,6 +47,8 @@ _AXES = (
 _AXIS_NAMES = (("y", "lat", "latitude", "northing", "north"), ("x", "lon", "longitude", "easting", "east"))
 #: Steps of an axis differ by less than this share.
 _UNEVEN = 0.1
+#: Largest block of nodes that are averaged; larger rasters are refused: reading them takes minutes.
+MAX_BLOCK = 6
 _COLORS = ("red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yellow", "black", "hue", "saturation")
 
 
@@ -176,7 +180,8 @@ def _ground(
     data: Any, path: Path, config: BathymetryConfig, origin: tuple[float, float] | None, about: Sequence[str] = ()
 ) -> GridGround:
     """Ground from an opened raster, with notes about its choice."""
-    check_nodes(str(path), data.height, data.width)
+    block = _nodes_per_block(data)
+    check_nodes(str(path), data.height, data.width, block)
     band, notes = _band(data, path)
     notes = [*about, *notes]
     said, crs = _meaning(data, band, path)
@@ -186,7 +191,8 @@ def _ground(
         raise GroundError(f"{path}: it is rotated (transform {tuple(transform)[:6]}). Make it north-up with gdalwarp")
     if transform.is_identity and data.driver != "netCDF":
         raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
-    grid = data.read(band, masked=True)
+    grid = _averaged(data, band, block)
+    transform @= transform.scale(block)
     if np.iscomplexobj(grid):
         raise GroundError(f"{path}: its values are complex numbers, which are not depths")
     scale, offset = data.scales[band - 1], data.offsets[band - 1]
@@ -195,6 +201,8 @@ def _ground(
         values, note = _valid(values, data.tags(band), scale, offset)
         notes += note
     values = values * (scale * said.unit_m) + offset * said.unit_m
+    if block > 1:
+        notes.append(f"means of {block} x {block} nodes, as it has {data.height:,} x {data.width:,}")
     if (scale, offset) != (1.0, 0.0):
         notes.append(f"scale {scale:g} and offset {offset:g} of the file applied")
     if said.unit_m != 1.0:
@@ -209,6 +217,31 @@ def _ground(
     if x[0] > x[-1]:
         x, values = x[::-1], values[:, ::-1]
     return raster_ground(path, x, y, values, crs, config, origin, replace(said, notes=tuple(notes)))
+
+
+def _nodes_per_block(data: Any) -> int:
+    """Number of nodes along the side of a block of which the mean is read, so that a large raster fits into memory.
+
+    Axes of a netCDF file have a value per node, so it is read as it is.
+    """
+    if data.driver == "netCDF":
+        return 1
+    return min(math.ceil(math.sqrt(data.height * data.width / MAX_GRID_NODES)), MAX_BLOCK) or 1
+
+
+def _averaged(data: Any, band: int, block: int) -> Any:
+    """The band as a masked array (ny, nx): means over the known values of blocks of nodes.
+
+    Up to `block` - 1 rows and columns at the last edges are left out.
+    """
+    if block == 1:
+        return data.read(band, masked=True)
+    from rasterio.enums import Resampling
+    from rasterio.windows import Window
+
+    shape = data.height // block, data.width // block
+    window = Window(0, 0, block * shape[1], block * shape[0])
+    return data.read(band, masked=True, window=window, out_shape=shape, resampling=Resampling.average)
 
 
 def _valid(values: Array, tags: Mapping[str, str], scale: float, offset: float) -> tuple[Array, list[str]]:

@@ -130,15 +130,16 @@ class GridGround:
         )
 
 
-def check_nodes(name: str, rows: int, columns: int) -> None:
-    """Checks the size of a grid, before it is read.
+def check_nodes(name: str, rows: int, columns: int, block: int = 1) -> None:
+    """Checks the size of a grid, before it is read in blocks of `block` x `block` nodes.
 
     Raises:
         GroundError: if it is too large.
     """
-    if rows * columns > MAX_GRID_NODES:
+    if (rows // block) * (columns // block) > MAX_GRID_NODES:
+        blocks = f" blocks of {block} x {block}" if block > 1 else ""
         raise GroundError(
-            f"{name} has {rows:,} x {columns:,} nodes, more than {MAX_GRID_NODES:,}. Cut the grid, or make it "
+            f"{name} has {rows:,} x {columns:,} nodes, more than {MAX_GRID_NODES:,}{blocks}. Cut the grid, or make it "
             "coarser (gdal_translate -projwin, -tr)"
         )
 

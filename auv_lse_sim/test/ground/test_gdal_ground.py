@@ -10,6 +10,7 @@ import pytest
 from ground_helpers import bottom, check_bottom
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_sim.ground import gdal_ground, grid_ground
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
 
@@ -337,3 +338,16 @@ def test_a_grid_of_gmt_3_is_named_with_a_way_to_convert_it(tmp_path):
         GroundError, match=r"old\.grd is a netCDF grid of GMT 3, .*: gmt grdconvert old\.grd old-new\.nc"
     ):
         load_ground(tmp_path / "old.grd")
+
+
+def test_a_raster_with_too_many_nodes_is_read_as_means_of_blocks(tmp_path, monkeypatch):
+    path = tif(tmp_path / "depth.tif", DEPTH.astype("float32"), nodata=-9999.0)
+    for module in (gdal_ground, grid_ground):
+        monkeypatch.setattr(module, "MAX_GRID_NODES", 500)
+    ground = load_ground(path)
+    check_bottom(ground, offset=(205.0, 195.0), tolerance=0.6)  # its middle; the last row and column are left out
+    assert "means of 2 x 2 nodes, as it has 41 x 41" in ground.describe()
+    for module in (gdal_ground, grid_ground):
+        monkeypatch.setattr(module, "MAX_GRID_NODES", 35)
+    with pytest.raises(GroundError, match=r"has 41 x 41 nodes, more than 35 blocks of 6 x 6\. Cut the grid"):
+        load_ground(path)
