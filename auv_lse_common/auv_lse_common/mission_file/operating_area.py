@@ -139,7 +139,7 @@ class OperatingArea:
         if cells > MAX_CELLS:
             raise ParameterError(
                 f"{name}: cells of {resolution_m!r} m divide the area of {high_n - low_n:.0f} m x "
-                f"{high_e - low_e:.0f} m into {cells:,.0f}, more than {MAX_CELLS:,}. Choose at least "
+                f"{high_e - low_e:.0f} m into {cells:.3g}, more than {MAX_CELLS:,}. Choose at least "
                 f"{self.finest_cell_m:g} m, or a smaller area"
             )
         axes: list[Array] = []
