@@ -18,7 +18,7 @@ MAX_CORNERS = 2_000
 #: Nodes of the raster of distances to the area's border.
 MAX_RASTER_NODES = 20_000_000
 #: Cells of a map.
-MAX_CELLS = 2_000_000
+MAX_CELLS = 1_000_000
 #: Soundings of a table.
 MAX_SOUNDINGS = 500_000
 #: Nodes of a grid of depths, as read from a file and as made from soundings.

@@ -13,7 +13,6 @@ from rich.console import Console
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.mission.display import Display, MissionProgress, progress_of
 from auv_lse_run.mission.watch_node import MissionWatch
-from auv_lse_run.process.death import cause
 from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.keeper import ProcessKeeper, node_task
 from auv_lse_run.process.processes import Process, last_lines
@@ -149,8 +148,8 @@ def _check(
         MissionError: if a process has ended, the simulator has failed, or the nodes do not discover each other.
     """
     for name, code in died:
-        log = keeper.log(name)
-        raise MissionError(f"{name} ended unexpectedly ({cause(code)}); the end of {log}:\n{last_lines(log)}")
+        log, why = keeper.log(name), keeper.why_died(name, code)
+        raise MissionError(f"{name} ended unexpectedly ({why}); the end of {log}:\n{last_lines(log)}")
     if state == "failed":
         raise MissionError(f"the simulator stopped the mission: {message}; logs: {logs}")
     if state == "waiting" and late:

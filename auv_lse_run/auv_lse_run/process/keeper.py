@@ -212,6 +212,10 @@ class ProcessKeeper:
         self._check_loading(now_s)
         return died
 
+    def why_died(self, name: str, code: int) -> str:
+        """Why a task that `tick` reports as dead has ended."""
+        return cause(code, hung=any(state.killed for state in self._states if state.task.name == name))
+
     def stop(self) -> None:
         """Ends every process, those of tasks marked `last` after the others."""
         begun = [(s.task, s.process) for s in self._states if s.process is not None and s.begun]

@@ -27,7 +27,6 @@ from auv_lse_common.support.installed_copy import COPY_VARIABLE, note_software, 
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.vocabulary.vehicle_name import vehicle_name
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
-from auv_lse_run.process.death import cause
 from auv_lse_run.process.domain import (
     DomainError,
     dive_on,
@@ -316,7 +315,7 @@ def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path
                     _say(f"error: {name} rejects its parameters; see {keeper.log(name)}")
                     return 2
                 if processes.lockstep:
-                    _say(f"error: {name} died ({cause(code)}); a lockstep mission cannot continue")
+                    _say(f"error: {name} died ({keeper.why_died(name, code)}); a lockstep mission cannot continue")
                     return 1
             if (ended := mission_end()) is not None:
                 _say(f"auv{processes.vehicle}: the simulated mission has {ended}")

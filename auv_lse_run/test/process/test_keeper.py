@@ -87,6 +87,7 @@ def test_hanging_process_is_killed_and_restarted(tmp_path: Path) -> None:
         bench.after(1.0)
     assert bench.said[said] == (f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s")
     assert bench.death() == ("node", -9)
+    assert bench.keeper.why_died("node", -9) == "SIGKILL: the watchdog killed it"
     bench.after(FIRST_WAIT_S)
     assert bench.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
     bench.keeper.stop()

@@ -96,7 +96,7 @@ def test_check_refuses_a_map_of_too_many_cells(tmp_path: Path, capsys: pytest.Ca
     file.write_text(MISSION + f"    {section}: {{{key}: 1.0e-6}}\n")
     assert check([str(file)]) == 1
     said = capsys.readouterr().out
-    assert f"{name}: cells of 1e-06 m divide the area of 600 m x 700 m into 4.2e+17, more than 2,000,000" in said
+    assert f"{name}: cells of 1e-06 m divide the area of 600 m x 700 m into 4.2e+17, more than 1,000,000" in said
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
