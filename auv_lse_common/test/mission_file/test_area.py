@@ -171,5 +171,5 @@ def test_too_many_cells_name_the_size_that_is_possible():
     area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, side_m, 0.0, side_m, side_m, 0.0, side_m), raster_m=20.0))
     with pytest.raises(ParameterError, match=r"cell_m: cells of 5\.0 m .* Choose at least 20 m, or a smaller area"):
         area.grid(5.0, "cell_m")
-    assert area.finest_cell_m == 14.2
+    assert area.finest_cell_m == 20.0
     assert area.grid(area.finest_cell_m).inside.size < 1_000_000
