@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 #: Lines from which the dialect is found.
 SAMPLE = 200
 _DELIMITERS = (",", ";", "\t", "|", " ")
-_COMMENTS = ("#", "//", "%", "!", "'", ";;", "*")
+#: Signs of comments; numbers behind a star are a row that is marked.
+_COMMENT = re.compile(r"#+|//|%+|!|'|;;|\*+(?!\s*[-+.]?\d)")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
@@ -65,7 +66,7 @@ def lines_of(text: str) -> Iterator[str]:
 
 def _may_hold_values(line: str) -> bool:
     bare = line.strip()
-    return bool(bare) and not bare.startswith(_COMMENTS) and bare[:4] != "sep="
+    return bool(bare) and not _COMMENT.match(bare) and bare[:4] != "sep="
 
 
 def fields_of(lines: Iterator[str] | Sequence[str], delimiter: str) -> Iterator[list[str]]:
@@ -92,7 +93,12 @@ def dialect_of(text: str) -> Dialect | None:
         score = _score(rows)
         if score > most:
             best, most = (delimiter, rows), score
-    return None if best is None else _with_header(*best)
+    if best is None:
+        return None
+    comments = itertools.takewhile(lambda line: not _may_hold_values(line), io.StringIO(text, newline=None))
+    found = [_COMMENT.match(line.strip()) for line in itertools.islice(comments, SAMPLE)]
+    behind = [match.string[match.end() :].strip() for match in found if match]
+    return _with_header(*best, [[cell.strip() for cell in row] for row in fields_of(behind, best[0])])
 
 
 def _score(rows: list[list[str]]) -> float:
@@ -107,8 +113,11 @@ def _score(rows: list[list[str]]) -> float:
     return (0.05 + good / len(cells)) * len(usual) / len(rows)
 
 
-def _with_header(delimiter: str, rows: list[list[str]]) -> Dialect:
-    """The dialect with the header and the row of units, which come before the first row of values."""
+def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]]) -> Dialect:
+    """The dialect with the header and the row of units, which come before the first row of values.
+
+    Without a header, the last comment above the rows that has as many names as they have fields is one.
+    """
     widths = Counter(len(row) for row in rows)
     width = max((w for w in widths if w > 1), key=lambda w: widths[w])
 
@@ -125,6 +134,9 @@ def _with_header(delimiter: str, rows: list[list[str]]) -> Dialect:
         header, units = tuple(names[-2]), tuple(names[-1])
     elif names:
         header = tuple(names[-1])
+    elif names := [row for row in comments if len(row) == width and not any(map(is_number, row))]:
+        has_units = len(names) > 1 and len(set(names[-1])) < width  # such as deg, deg, m
+        header, units = tuple(names[-1 - has_units]), tuple(names[-1]) if has_units else ()
     values = rows[first:] if first is not None else []
     cells = [cell for row in values for cell in row]
     commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell))
@@ -145,7 +157,7 @@ def rows_across(text: str, dialect: Dialect, most: int = 2000) -> list[list[str]
     step = max(len(text) // most, 1)
     starts = sorted({text.find("\n", at) + 1 for at in range(0, len(text), step)} - {0})
     lines = [text[start : start + _LONGEST].split("\n", 1)[0] for start in starts]
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(_COMMENTS)]
+    lines = [line for line in lines if _may_hold_values(line)]
     try:
         return [[cell.strip() for cell in row] for row in fields_of(lines, dialect.delimiter)]
     except csv.Error:
