@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
-from auv_lse_shore.survey_import.parsing.times import ROLLOVER_S, UTC_FROM_S, UTC_TO_S, date_question
+from auv_lse_shore.survey_import.parsing.times import GPS_FROM_S, ROLLOVER_S, UTC_FROM_S, UTC_TO_S, date_question
 
 _DAY_S = 86_400.0
-#: Clocks that are not set begin before this time (s since 1970: 2000-01-02), such as on 1980-01-06, and the other times
-#: of their log are at least this time (s) later.
-_UNSET_S, _APART_S = UTC_FROM_S + _DAY_S, 365.0 * _DAY_S
+#: Where clocks begin that are not set (s since 1970): 1970, GPS and its second count of weeks (1980-01-06, 1999-08-22),
+#: and 2000. They are set within a day, and the next times of their log are at least the second time (s) later.
+_BEGINS_S, _APART_S = (0.0, GPS_FROM_S, GPS_FROM_S + ROLLOVER_S, UTC_FROM_S), 365.0 * _DAY_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,8 @@ def to_utc(contents: Sequence[LogContent], facts: ClockFacts) -> list[str]:
     for content in contents:  # a receiver that counts 1,024 weeks too many is beyond what stamps hold
         content.drop_impossible_times(UTC_TO_S if facts.start is None else UTC_TO_S + ROLLOVER_S)
         if content.clock in (Clock.UTC, Clock.LOCAL):
-            content.drop_unset_clock(_UNSET_S, _APART_S)
+            for begins_s in _BEGINS_S:
+                content.drop_unset_clock(begins_s, _DAY_S, _APART_S)
     starts = [content.span_s[0] for content in contents if content.clock in (Clock.UTC, Clock.LOCAL, Clock.DAY)]
     days_s = 0.0
     known = [start for start in starts if math.isfinite(start)]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 #: Reasons of readers of several formats.
 NO_FIX = "positions without a fix"
@@ -177,35 +179,37 @@ class LogContent:
 
     def drop_impossible_times(self, last_s: float) -> None:
         """Leaves out what has no time between 0 and `last_s`, and counts it."""
-        self._keep_times(-last_s, last_s, "positions and depths with an impossible time (--date gives the first day)")
+        reason = "positions and depths with an impossible time (--date gives the first day)"
+        self._leave_out(lambda times: ~(np.abs(times) <= last_s), reason)
 
-    def drop_unset_clock(self, until_s: float, apart_s: float) -> None:
-        """Leaves out what comes before a time (s) and before a gap: a clock that was not set yet began there.
+    def drop_unset_clock(self, begins_s: float, near_s: float, apart_s: float) -> None:
+        """Leaves out what is near the time at which clocks begin that are not set, and before a gap.
 
         Args:
-            until_s: The latest time at which such clocks begin.
-            apart_s: The least time to the positions after it.
+            begins_s: When they begin.
+            near_s: The time until they are set, which may also be in a zone.
+            apart_s: The least time from there to the next positions.
         """
-        times = [rows[:, 0] for rows in self.positions.values()]
-        early = [float(part[part < until_s].max(initial=-math.inf)) for part in times]
-        later = [float(part[part >= until_s].min(initial=math.inf)) for part in times]
-        if math.isfinite(first_s := min(later, default=math.inf)) and max(early) < first_s - apart_s:
-            reason = "positions and depths before the clock was set (times of decades before the others)"
-            self._keep_times(first_s - apart_s, math.inf, reason)
+        last_s = begins_s + near_s
+        later = [float(rows[rows[:, 0] > last_s, 0].min(initial=math.inf)) for rows in self.positions.values()]
+        if last_s + apart_s < min(later, default=math.inf) < math.inf:
+            reason = "positions and depths before the clock was set (times of years before the next ones)"
+            self._leave_out(lambda times: np.abs(times - begins_s) <= near_s, reason)
 
-    def _keep_times(self, first_s: float, last_s: float, reason: str) -> None:
+    def _leave_out(self, is_out: Callable[[Array], Mask], reason: str) -> None:
+        """Leaves out what has times for which `is_out` is true, or no number, and counts it."""
         if self.position_std_m is not None and self.positions:
             (rows,) = self.positions.values()
-            self.position_std_m = self.position_std_m[(rows[:, 0] >= first_s) & (rows[:, 0] <= last_s)]
+            self.position_std_m = self.position_std_m[~is_out(rows[:, 0])]
         for columns, tables in ((3, self._positions), (2, self._pressures)):
             for kind, values in tables.items():
-                tables[kind] = self._between(values, columns, first_s, last_s, reason)
+                tables[kind] = self._without(values, columns, is_out, reason)
         for sounder in self.sounders.values():
-            sounder.pings = self._between(sounder.pings, 3, first_s, last_s, reason)
+            sounder.pings = self._without(sounder.pings, 3, is_out, reason)
 
-    def _between(self, values: array[float], columns: int, first_s: float, last_s: float, why: str) -> array[float]:
+    def _without(self, values: array[float], columns: int, is_out: Callable[[Array], Mask], why: str) -> array[float]:
         rows = np.frombuffer(values, dtype=float).reshape(-1, columns)
-        good = np.isfinite(rows).T[:2].all(axis=0) & (rows[:, 0] >= first_s) & (rows[:, 0] <= last_s)
+        good = np.isfinite(rows).T[:2].all(axis=0) & ~is_out(rows[:, 0])
         if good.all():
             return values
         self.left_out[why] += int((~good).sum())

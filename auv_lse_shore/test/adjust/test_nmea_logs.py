@@ -292,6 +292,22 @@ def test_a_survey_over_the_turn_of_a_year_and_an_old_one_are_whole(tmp_path, mid
     assert "before the clock was set" not in " ".join(found.lines)
 
 
+@pytest.mark.parametrize("first", ["140698", "060196", "080180", "200899", "150700"])
+def test_a_log_that_joins_an_old_survey_to_a_new_one_keeps_both(tmp_path, first):
+    rows = survey()[:120]
+    found = gathered(tmp_path, dated(rows[:60], first) + dated(rows[60:]), "--draught", "0.3")
+    assert sum(len(log.soundings) for log in found.placed) >= 118
+    assert "before the clock was set" not in " ".join(found.lines)
+
+
+def test_what_a_receiver_reports_before_an_old_survey_is_left_out_alone(tmp_path):
+    rows = survey()[:120]
+    parts = dated(rows[:20], "060180"), dated(rows[20:70], "140698"), dated(rows[70:])
+    found = gathered(tmp_path, "".join(parts), "--draught", "0.3")
+    assert 96 <= sum(len(log.soundings) for log in found.placed) <= 100
+    assert "before the clock was set" in " ".join(found.lines)
+
+
 @pytest.mark.parametrize("later_s", [0.0, 0.5])
 def test_joined_logs_of_two_boats_at_the_same_time_are_refused(tmp_path, later_s):
     rows = survey()[:120]

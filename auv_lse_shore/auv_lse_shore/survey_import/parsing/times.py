@@ -18,7 +18,7 @@ ROLLOVER_S = 1024 * 7 * 86_400.0
 #: The latest time that a message's stamp can hold (s since 1970: January 2038).
 UTC_TO_S = 2_147_483_000.0
 #: Begin of GPS, 1980-01-06: no receiver gives an earlier time.
-_GPS_FROM_S = 315_964_800.0
+GPS_FROM_S = 315_964_800.0
 #: Factors of epochs to seconds, by the magnitude of the numbers.
 _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
 _OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?\s*(?:Z|UTC|GMT)?$")
@@ -224,7 +224,7 @@ def date_question(first_s: float, last_s: float, today: date) -> str:
     first = datetime.fromtimestamp(first_s, UTC)
     if last_s > now_s:
         return f"the log is of {first:%Y-%m-%d}, which is in the future; --date gives its first day"
-    if last_s < _GPS_FROM_S:
+    if last_s < GPS_FROM_S:
         return f"the log is of {first:%Y-%m-%d}, before GPS; --date gives its first day"
     if last_s + ROLLOVER_S <= now_s:
         then = datetime.fromtimestamp(first_s + ROLLOVER_S, UTC)
