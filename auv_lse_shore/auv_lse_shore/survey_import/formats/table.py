@@ -83,7 +83,7 @@ def _contents(
     tv.refuse_unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     shared = LogContent(file.path.name)
     rows = tv.rows_of(table, options, shared)
-    if not options.columns and (unused := unused_columns(dialect.header, columns)):
+    if not options.columns and (unused := unused_columns(dialect.header, columns, table.dated_by)):
         more = f" and {len(unused) - _MOST_LISTED} more" if len(unused) > _MOST_LISTED else ""
         shared.notes.append(f"columns not used: {', '.join(name[:40] for name in unused[:_MOST_LISTED])}{more}")
     contents = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,12 +42,16 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """The columns of a table that are used: numbers, or text for times and names, shape (n,) each."""
+    """The columns of a table that are used: numbers, or text for times and names, shape (n,) each.
+
+    `dated_by` takes the roles of columns that dates beside times of day were made of.
+    """
 
     path: Path
     columns: dict[str, Column]
     values: dict[str, Any]
     decimal_comma: bool
+    dated_by: set[str] = field(default_factory=set)
 
     @property
     def count(self) -> int:
@@ -119,9 +123,11 @@ ROLES: dict[str, tuple[str, ...]] = {
         "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed",
     ),
     "half_day": ("ampm", "pmam"),
-    "year": ("year", "yyyy"),
-    "month": ("month",),
-    "hour": ("hour", "hours", "hh"),
+    "utc_offset": ("utcoffset", "gmtoffset", "timezoneoffset", "tzoffset", "timezone", "tz"),
+    "year": ("year", "yyyy", "yr", "yy"),
+    "month": ("month", "mon", "mo"),
+    "day_of_year": ("dayofyear", "yearday", "doy", "jday", "julianday"),
+    "hour": ("hour", "hours", "hh", "hr"),
     "minute": ("minute", "minutes", "min", "mins"),
     "second": ("second", "seconds", "sec", "secs", "ss"),
     "date": ("date", "utcdate", "dateutc", "gpsdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato"),
@@ -163,7 +169,11 @@ _DEEPER = ["lat", "lon", "depth", "time_ms"]
 _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
 DEPTHS = ("depth", "elevation", "z")
 #: Roles of times in columns of their own, beside the day's.
-DATE_PARTS = ("year", "month", "hour", "minute", "second")
+DATE_PARTS = ("year", "month", "day_of_year", "hour", "minute", "second")
+#: Letters for them, which are also names of their own in orders of a date and a time, as in YYYY,MM,DD,HH,MM,SS.
+_LETTERS = {"year": "y", "month": "m", "date": "d", "hour": "h", "minute": "m", "second": "s"}
+_ORDERS = re.compile("ymd|dmy|mdy|hms?")
+_IN_ORDERS = {"y", "m", "mm", "d", "dd", "h", "s"}
 
 #: More names than these in a column of vehicles number something else.
 _MOST_VEHICLES = 20
@@ -194,9 +204,10 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
 def _suits(unit: str, key: str) -> bool:
     """Whether a column of this name can have this unit: the `min` of a depth is no minute."""
     role = _BY_NAME.get(key)
+    is_time = role in ("datetime", "utc_offset")
     if unit in METRES:
-        return role is not None and role != "datetime"
-    return role == "datetime" if unit in TIME_UNITS else role is not None
+        return role is not None and not is_time and role not in _LETTERS
+    return is_time if unit in TIME_UNITS else role is not None
 
 
 def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, Column]:
@@ -205,15 +216,28 @@ def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, 
     A second time or depth has the role with its rank added: "datetime", "datetime1".
     """
     found: dict[str, list[Column]] = {}
-    for number, name in enumerate(names):
-        column = column_of(number, name, units[number] if number < len(units) else "")
+    for number, (name, meaning) in enumerate(zip(names, _spelled_out(names), strict=True)):
+        column = column_of(number, meaning, units[number] if number < len(units) else "")
         if column:
-            found.setdefault(column.role, []).append(column)
+            found.setdefault(column.role, []).append(column._replace(name=name.strip()))
     columns = {}
     for role, entries in found.items():
         for i, column in enumerate(sorted(entries, key=lambda column: (column.rank, column.number))):
             columns[role if not i else f"{role}{i}"] = column
     return columns
+
+
+def _spelled_out(names: Sequence[str]) -> list[str]:
+    """The names, with those of the parts of dates and times where letters in a common order name them."""
+    keys = [name.strip().strip("\"'").lower() for name in names]
+    alone = _IN_ORDERS - {"y"} if "x" in keys else _IN_ORDERS
+    letters = "".join(key[0] if key in alone else _LETTERS.get(_BY_NAME.get(key, ""), "-") for key in keys)
+    meanings = [*names]
+    for match in _ORDERS.finditer(letters):
+        other = "minute" if "y" in match[0] else "month"
+        of_letter = {letter: role for role, letter in _LETTERS.items() if role != other}
+        meanings[match.start() : match.end()] = [of_letter[letter] for letter in match[0]]
+    return meanings
 
 
 def other_header(text: str, dialect: Dialect, columns: dict[str, Column]) -> tuple[int, str]:
@@ -255,14 +279,19 @@ def has_date_parts(columns: Container[str]) -> bool:
     if "second" in columns and "hour" in columns and "minute" not in columns:  # they have another name
         return False
     has_parts = "hour" in columns or all(role in columns for role in ("year", "month"))
-    return "datetime" not in columns and "date" in columns and has_parts
+    return "datetime" not in columns and has_date(columns) and has_parts
 
 
-def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[str]:
-    """Names of a header's columns that are not used: unknown ones, and further positions and depths."""
+def has_date(columns: Container[str]) -> bool:
+    """Whether there is a column of dates or days of the month, or years and days in them."""
+    return "date" in columns or ("year" in columns and "day_of_year" in columns)
+
+
+def unused_columns(header: Sequence[str], columns: dict[str, Column], dated_by: set[str]) -> list[str]:
+    """Names of a header's columns that are not used: unknown ones, and further positions, depths and dates."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
-    further |= {"altitude"} | ({*DATE_PARTS} if not has_date_parts(columns) else set())
+    further |= {"altitude"} | ({*DATE_PARTS} - dated_by if not has_date_parts(columns) else set())
     further |= set() if "datetime" in columns or (has_date_parts(columns) and "hour" in columns) else {"half_day"}
     used = {
         column.number
@@ -413,9 +442,9 @@ def _is_quality(values: Array) -> bool:
     )
 
 
-def first_of(texts: NDArray[np.str_]) -> str:
+def first_of(texts: Sequence[str] | NDArray[np.str_]) -> str:
     """The first text of some that is not empty, shortened to be shown; "" without one."""
-    return next((text[:20] for text in texts.tolist() if text.strip()), "")
+    return next((str(text)[:20] for text in texts if text.strip()), "")
 
 
 def vehicles_of(table: Table) -> list[tuple[str, Mask]]:

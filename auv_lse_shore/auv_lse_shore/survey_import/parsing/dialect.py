@@ -186,8 +186,11 @@ def columns_of(text: str, dialect: Dialect, wanted: Sequence[int]) -> Iterator[l
 
 def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
     """Numbers of texts, shape (n,); NaN where a text is not a number."""
-    cells = "\n".join(texts).replace(",", ".").split("\n") if decimal_comma else texts
+    joined = "\n".join(texts)
+    cells = joined.replace(",", ".").split("\n") if decimal_comma else texts
     try:
+        if "_" in joined:  # Python reads 1_000
+            raise ValueError
         return np.fromiter(map(float, cells), float, len(cells))
     except ValueError:
         return np.fromiter(map(_number, cells), float, len(cells))
@@ -195,6 +198,6 @@ def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
 
 def _number(text: str) -> float:
     try:
-        return float(text)
+        return float(text) if "_" not in text else float("nan")
     except ValueError:
         return float("nan")

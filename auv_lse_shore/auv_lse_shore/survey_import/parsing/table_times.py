@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +13,26 @@ from numpy.typing import NDArray
 from auv_lse_gp.length_units import factor_of
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.columns import DATE_PARTS, Column, Table, first_of, has_date_parts, vehicles_of
+from auv_lse_shore.survey_import.parsing.columns import (
+    DATE_PARTS,
+    Column,
+    Table,
+    first_of,
+    has_date,
+    has_date_parts,
+    vehicles_of,
+)
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import (
     UTC_FROM_S,
+    are_compact,
     are_six_digits,
     datetimes,
     days,
     full_year,
     header_zone_s,
     of_day_s,
+    offsets_s,
     seconds,
     zoned_of,
 )
@@ -61,6 +72,7 @@ def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
         content.clock = Clock.NONE
         return np.arange(table.count, dtype=float)
     content.clock, times = best
+    times = _without_offsets(times, table, content)
     known = times[np.isfinite(times)]
     is_whole = bool(len(known)) and bool((known % 1.0 == 0.0).all())
     content.lag_std_s = 1.0 / np.sqrt(12.0) if is_whole else 0.1
@@ -80,28 +92,25 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
     is_utc = is_utc or first.strip().endswith(("Z", "UTC", "GMT"))
     sample = texts[:: len(texts) // _SAMPLED + 1]
-    date_of = table.columns.get("date")
-    is_of_day = are_six_digits(sample) and column.unit not in TIME_UNITS
-    if not is_of_day and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
+    are_digits = are_compact(sample) or (are_six_digits(sample) and column.unit not in TIME_UNITS)
+    if not are_digits and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
     if np.isfinite(of_day_s(sample)).mean() > 0.5:
-        clock = of_day_s(texts)
-        _check_zones(texts, clock, zoned_of(texts), column, date_of or column, table.path)
-        day, assumed = days(table.values["date"].tolist() if date_of else [], options.day_first)
-        if date_of is None or not np.isfinite(day).any():
-            if date_of is not None:
-                content.notes.append(
-                    f"column {date_of.name} is ignored: {first_of(table.values['date'])!r} is not a date"
-                )
-            clock -= header_zone_s(column.name)
-            return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
-        day = _past_midnight(clock, day, table, content)
-        is_utc = is_utc or "utc" in date_of.name.lower()
-        has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
-    else:
-        stamps, zoned, assumed = datetimes(texts, options.day_first)
-        _check_zones(texts, stamps, zoned, column, column, table.path)
+        clock, zoned, dates = of_day_s(texts), zoned_of(texts), _dates(table)
+        _check_zones(texts, clock, zoned, column, dates.name, table.path)
+        day, assumed = days(dates.texts, options.day_first)
+        if not np.isfinite(day).any():
+            if date := first_of(dates.texts):
+                content.notes.append(f"column {dates.name} is ignored: {date!r} is not a date")
+            return Clock.DAY, _past_midnights(clock - (0.0 if zoned else header_zone_s(column.name)), table)
+        day = _past_midnight(clock, day, dates.name, table, content)
+        is_utc = is_utc or "utc" in dates.name.lower()
         has_zone = bool(zoned)
+        stamps = day + clock - (0.0 if has_zone else header_zone_s(f"{column.name} {dates.name}"))
+    else:
+        stamps, stated, assumed = datetimes(texts, options.day_first)
+        _check_zones(texts, stamps, stated, column, column.name, table.path)
+        has_zone = bool(stated)
         if not np.isfinite(stamps).mean() > 0.5:
             return None
         stamps = stamps if has_zone else stamps - header_zone_s(column.name)
@@ -112,15 +121,8 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
 
 def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
     """Times from columns of dates or years, months and days, and of hours, minutes, seconds; None if they hold none."""
-    dates = table.values["date"].tolist()
-    if "year" in table.columns and "month" in table.columns:
-        parts = (table.values["year"], table.values["month"], numbers_of(dates, table.decimal_comma))
-        ymd = [np.nan_to_num(part, nan=-1.0) for part in parts]
-        dates = [
-            f"{full_year(int(year))}-{month:.0f}-{of_month:.0f}" if year >= 0.0 else ""
-            for year, month, of_month in zip(*ymd, strict=True)
-        ]
-    stamps, assumed = days(dates, options.day_first)
+    dates = _dates(table)
+    stamps, assumed = days(dates.texts, options.day_first)
     content.notes += [_ORDER_NOTE] * assumed
     for role, unit_s in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
         stamps = stamps + unit_s * table.values.get(role, 0.0)
@@ -128,17 +130,79 @@ def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tupl
         halves, hours = np.char.lower(np.char.strip(table.values["half_day"])), table.values["hour"]
         stamps = stamps + 3600.0 * (12.0 * (np.char.startswith(halves, "p") & (hours < 12.0)))
         stamps = stamps - 3600.0 * (12.0 * (np.char.startswith(halves, "a") & (hours >= 12.0)))
-    name = " ".join(table.columns[role].name.lower() for role in ("date", *DATE_PARTS) if role in table.columns)
+    name = " ".join([dates.name, *(table.columns[role].name for role in DATE_PARTS if role in table.columns)]).lower()
     stamps, is_utc = stamps - header_zone_s(name), "utc" in name
     return ((Clock.UTC if is_utc else Clock.LOCAL), stamps) if np.isfinite(stamps).any() else None
 
 
-def _past_midnight(clock: Array, day: Array, table: Table, content: LogContent) -> Array:
+class _Dates(NamedTuple):
+    """The dates of a table's rows, () without any, and the names of their columns."""
+
+    texts: Sequence[str]
+    name: str
+
+
+def _dates(table: Table) -> _Dates:
+    """The dates of a table, from a column of their own, or from years and months or days of the year."""
+    columns, values = table.columns, table.values
+    texts: list[str] = values["date"].tolist() if "date" in columns else []
+    of_month = numbers_of(texts, table.decimal_comma)
+    roles: Sequence[str] = ("date",) if texts else ()
+    form, parts = "", list[Array]()
+    if "year" in columns and "day_of_year" in columns and (values["day_of_year"] <= 366.0).any():
+        roles, form, parts = ("year", "day_of_year"), "{:.0f}-{:03.0f}", [values["day_of_year"]]
+    elif "year" in columns and "month" in columns and (of_month <= 31.0).any():
+        roles, form, parts = ("year", "month", "date"), "{:.0f}-{:.0f}-{:.0f}", [values["month"], of_month]
+    if form:
+        rows = zip(*(np.nan_to_num(part, nan=-1.0).tolist() for part in (values["year"], *parts)), strict=True)
+        texts = [form.format(full_year(int(year)), *rest) if year >= 0.0 else "" for year, *rest in rows]
+    table.dated_by.update(roles)
+    return _Dates(texts, ", ".join(columns[role].name for role in roles))
+
+
+def _without_offsets(times: Array, table: Table, content: LogContent) -> Array:
+    """Times (n,) in UTC, by a column of the hours that a local clock is ahead; sets the content's clock."""
+    column = table.columns.get("utc_offset")
+    if column is None:
+        return times
+    cells = table.values["utc_offset"]
+    ahead_s = offsets_s(cells.tolist(), factor_of(column.unit, TIME_UNITS) or 3600.0)
+    unclear = cells[~np.isfinite(ahead_s) & np.isfinite(times)]
+    if content.clock not in (Clock.LOCAL, Clock.DAY) or len(unclear):
+        why = f"{first_of(unclear)!r} is no offset such as +02:00" if len(unclear) else "the times need none"
+        content.notes.append(f"column {column.name} is not used: {why}")
+        return times
+    content.notes.append(f"UTC by column {column.name}")
+    content.clock = Clock.UTC if content.clock is Clock.LOCAL else content.clock
+    return times - ahead_s
+
+
+def _past_midnights(clock: Array, table: Table) -> Array:
+    """Times of day (n,) of each vehicle with the days that begin where they turn back."""
+    times = clock.copy()
+    for _, mask in vehicles_of(table):
+        rows = np.flatnonzero(mask & np.isfinite(clock))
+        times[rows[1:]] += 86_400.0 * _begun(np.diff(clock[rows]))
+    return times
+
+
+def _begun(steps: Array) -> Array:
+    """Number of days that have begun after each step (s) of a time of day; (n,).
+
+    A row of before midnight may be between others of after it.
+    """
+    begun = np.cumsum((steps < -_BACK_S).astype(float) - (steps > 86_400.0 - _BACK_S))
+    count: Array = begun - np.minimum.accumulate(begun.clip(max=0.0))
+    return count
+
+
+def _past_midnight(clock: Array, day: Array, name: str, table: Table, content: LogContent) -> Array:
     """Dates (n,), s since 1970, of rows with one date in all of them, which may be that of the first row.
 
     Args:
         clock: Seconds of the day, (n,). If only midnights turn a vehicle's back, days begin there.
         day: Seconds since 1970 of the dates, (n,).
+        name: That of the dates' column.
         table: Its vehicles have rows of their own.
         content: Takes a note.
     """
@@ -149,25 +213,22 @@ def _past_midnight(clock: Array, day: Array, table: Table, content: LogContent) 
         turns = steps < -_BACK_S
         if not turns.any() or np.ptp(day[rows]) > 0.0 or (steps[turns] > _MIDNIGHT_S).any():
             continue
-        # a row of before midnight between others of after it
-        begun = np.cumsum(turns.astype(int) - (steps > 86_400.0 - _BACK_S))
-        dates[rows[1:]] += 86_400.0 * (begun - np.minimum.accumulate(begun.clip(max=0)))
+        dates[rows[1:]] += 86_400.0 * _begun(steps)
         turned = True
     if turned:
-        name = table.columns["date"].name
         content.notes.append(f"column {name} has the first day's date after midnight, too; later days are counted")
     return dates
 
 
 def _check_zones(
-    texts: Sequence[str], times: Array, zoned: Sequence[str], column: Column, date_of: Column, path: Path
+    texts: Sequence[str], times: Array, zoned: Sequence[str], column: Column, date_name: str, path: Path
 ) -> None:
     """Checks that all texts (n,) that are times (n,) state a zone, or none, unless the header does.
 
     Raises:
         LogError: if only some do.
     """
-    names = f"{column.name} {date_of.name}".lower()
+    names = f"{column.name} {date_name}".lower()
     if not zoned or len(zoned) == len(texts) or "utc" in names or "gmt" in names:
         return
     count = sum(1 for text, time in zip(texts, times.tolist(), strict=True) if ":" in text and time == time)
@@ -193,10 +254,11 @@ def _from_numbers(
         times = numbers * unit_s
     if float(np.nanmin(times)) > 0.3 * UTC_FROM_S:
         return Clock.UTC, times
-    if "date" in table.columns and float(np.nanmax(times)) <= 86_401.0:
-        day, _ = days(table.values["date"].tolist(), options.day_first)
+    if has_date(table.columns) and float(np.nanmax(times)) <= 86_401.0:
+        dates = _dates(table)
+        day, _ = days(dates.texts, options.day_first)
         if np.isfinite(day).mean() > 0.5:
-            name = f"{column.name} {table.columns['date'].name}".lower()
-            day = _past_midnight(times, day, table, content)
+            name = f"{column.name} {dates.name}".lower()
+            day = _past_midnight(times, day, dates.name, table, content)
             return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times - header_zone_s(name)
     return Clock.ELAPSED, times

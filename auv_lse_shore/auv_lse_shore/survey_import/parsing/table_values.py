@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 #: Letters from which a table's dialect is found.
 SAMPLE_LETTERS = 100_000
 #: Beginnings of the roles whose cells stay text.
-TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day")
+TEXT_ROLES = ("date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day", "utc_offset")
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
 #: More names than these in a column of sounders number something else.

@@ -21,12 +21,14 @@ UTC_TO_S = 2_147_483_000.0
 GPS_FROM_S = 315_964_800.0
 #: Factors of epochs to seconds, by the magnitude of the numbers.
 _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
-_OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?\s*(?:Z|UTC|GMT)?$")
+_OF_DAY = re.compile(
+    r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?\s*(Z|(?:UTC|GMT)?(?:[+-]\d{2}(?::?\d{2})?)?)$"
+)
 _SIX_DIGITS = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d*)?)")
-_YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
+_YEAR_FIRST = re.compile(r"(\d{4})[-/.:](\d{1,2})[-/.:](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
 #: ISO 8601 without signs: 20250614T100000Z.
-_COMPACT = re.compile(r"\s*(\d{8})T?[ _]?(\d{2})(\d{2})(\d{2}(?:\.\d*)?)(\s*(?:Z|[+-]\d{2}(?::?\d{2})?)?)$")
+_COMPACT = re.compile(r"\s*((?:19|20)\d{6})T?[ _-]?(\d{2})(\d{2})(\d{2}(?:\.\d*)?)(\s*(?:Z|[+-]\d{2}(?::?\d{2})?)?)$")
 #: A year and the day in it, as in 2025-165.
 _YEAR_DAY = re.compile(r"((?:19|20)\d{2})-?(\d{3})$")
 #: Months by the beginnings of their English, German, French, Spanish and Italian names.
@@ -47,6 +49,10 @@ _YEAR_AT_END = re.compile(
     re.IGNORECASE,
 )
 _ZONE = re.compile(r"(?<=[\d:. ]{3})\s*(Z|UTC|GMT|(?:UTC|GMT)?[+-]\d{2}(?::?\d{2})?)$")
+#: Offsets from UTC in a column of their own; no clock is farther ahead or behind (s).
+_OFFSET = re.compile(r"(?:UTC|GMT)?[+-]\d{2}:?\d{2}")
+_PLAIN_OFFSET = re.compile(r"(?:UTC|GMT)? *([+-]?\d+(?:\.\d*)?)")
+_MOST_AHEAD_S = 14.0 * 3600.0
 #: A zone in the header of a column, such as "UTC+2".
 HEADER_ZONE = re.compile(r"(?<![a-z])(?:utc|gmt)\s*([+-])\s*(0?\d|1[0-4])(?::?(\d{2}))?(?!\d)", re.IGNORECASE)
 #: Letters of times that NumPy reads.
@@ -63,7 +69,10 @@ def seconds(values: Array) -> Array:
 
 
 def of_day_s(texts: Sequence[str]) -> Array:
-    """Seconds of the day of times such as "14:03:05.2", "2:03 PM" or "140305"; NaN for others."""
+    """Seconds of the day of times such as "14:03:05.2", "2:03 PM" or "140305"; NaN for others.
+
+    Those of a time with a zone, such as "16:03+02:00", are of UTC, and may be negative.
+    """
     cache: dict[str, float] = {}
     return np.array([cache[t] if t in cache else cache.setdefault(t, _of_day(t)) for t in texts])
 
@@ -71,11 +80,11 @@ def of_day_s(texts: Sequence[str]) -> Array:
 def _of_day(text: str) -> float:
     text = text.strip()
     if match := _OF_DAY.match(text):
-        hours, minutes, rest, half = match.groups()
+        hours, minutes, rest, half, zone = match.groups()
         hour = int(hours)
         if half:
             hour = hour % 12 + (12 if half[0] in "Pp" else 0)
-        return hour * 3600.0 + int(minutes) * 60.0 + float((rest or "0").replace(",", "."))
+        return hour * 3600.0 + int(minutes) * 60.0 + float((rest or "0").replace(",", ".")) - _zone_s(zone)
     if (match := _SIX_DIGITS.fullmatch(text)) and int(match[1]) < 25 and int(match[2]) < 60 and float(match[3]) < 61.0:
         return int(match[1]) * 3600.0 + int(match[2]) * 60.0 + float(match[3])
     return float("nan")
@@ -87,11 +96,36 @@ def are_six_digits(texts: Sequence[str]) -> bool:
     return bool(known) and all(map(_SIX_DIGITS.fullmatch, known)) and bool(np.isfinite(of_day_s(known)).all())
 
 
+def are_compact(texts: Sequence[str]) -> bool:
+    """Whether all texts that are not blank are dates and times in digits alone, such as "20250614100000"."""
+    known = [text.strip() for text in texts if text.strip()]
+    return bool(known) and all(map(_COMPACT.match, known)) and bool(np.isfinite(datetimes(known, None)[0]).all())
+
+
+def offsets_s(texts: Sequence[str], unit_s: float) -> Array:
+    """Seconds (n,) by which clocks are ahead of UTC, of offsets such as "+02:00", "UTC+2" or "-7"; NaN for others.
+
+    Args:
+        unit_s: Seconds per unit of a plain number.
+    """
+    found = {text: _offset_s(text.strip().upper(), unit_s) for text in set(texts)}
+    return np.array([found[text] for text in texts])
+
+
+def _offset_s(text: str, unit_s: float) -> float:
+    if text in ("Z", "UTC", "GMT"):
+        return 0.0
+    found = [_zone_s(match[0]) for match in [_OFFSET.fullmatch(text)] if match]
+    found += [float(match[1]) * unit_s for match in [_PLAIN_OFFSET.fullmatch(text)] if match]
+    return next((ahead_s for ahead_s in found if abs(ahead_s) <= _MOST_AHEAD_S), float("nan"))
+
+
 def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
     """Seconds since 1970 of dates, NaN for others; and whether the order of day and month is only assumed.
 
     Args:
-        day_first: Whether 3/4/2026 is in April; None: as the dates show, else as they follow each other most closely.
+        day_first: Whether 3/4/2026 is in April; None: as the dates show, else as they follow each other most closely,
+            else if they have dots.
     """
     plain = {text: _with_numbers(text) for text in set(texts)}
     unique, texts = sorted(set(plain.values())), [plain[text] for text in texts]
@@ -100,7 +134,8 @@ def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
         options = {order: _days(unique, order) for order in (False, True)}
         bad = {order: sum(value != value for value in found.values()) for order, found in options.items()}
         spans = {order: _span(found) for order, found in options.items()}
-        day_first = (bad[True], spans[True]) < (bad[False], spans[False])
+        is_dotted = all("." in text for text in unique if _YEAR_LAST.match(text.strip()))  # as in German
+        day_first = (bad[True], spans[True], not is_dotted) < (bad[False], spans[False], is_dotted)
         differ = any(options[True][text] != value for text, value in options[False].items() if value == value)
         assumed = bad[True] == bad[False] and differ
     known = _days(unique, day_first)

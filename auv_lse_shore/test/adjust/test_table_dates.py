@@ -1,0 +1,172 @@
+"""Dates and times of tables in several columns, in digits alone, around midnight, and with zones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from adjust.survey_logs import START_S
+from adjust.tables import ROWS, checked, gathered, lines, utc
+
+from auv_lse_shore.survey_import.parsing.dialect import numbers_of
+from auv_lse_shore.survey_import.survey_log import LogError
+
+
+def dated(header, form, ahead_s=0.0, ends=""):
+    """A table whose columns of times have a form, by a clock that is ahead."""
+    return lines(
+        f"{header},lat,lon,depth",
+        lambda t, a, o, d: f"{utc(t + ahead_s, form)}{ends},{a:.8f},{o:.8f},{d:.3f}",
+    )
+
+
+@pytest.mark.parametrize(
+    ("header", "form"),
+    [
+        ("Year,Month,Day,Time", "%Y,%m,%d,%H:%M:%S"),
+        ("Day,Month,Year,UTC", "%d,%m,%Y,%H%M%S"),
+        ("year,month,date,time", "%Y,%m,%Y-%m-%d,%H:%M:%S"),
+        ("YYYY,MM,DD,HH,MM,SS", "%Y,%m,%d,%H,%M,%S"),
+        ("DD,MM,YYYY,HH,MM,SS", "%d,%m,%Y,%H,%M,%S"),
+        ("MM,DD,YY,hh,mm,ss", "%m,%d,%y,%H,%M,%S"),
+        ("yr,mo,d,h,m,s", "%y,%m,%d,%H,%M,%S"),
+        ("date,hh,mm,ss", "%Y-%m-%d,%H,%M,%S"),
+        ("date,h,m,s", "%Y-%m-%d,%H,%M,%S"),
+        ("Year,DayOfYear,Hour,Minute,Second", "%Y,%j,%H,%M,%S"),
+        ("Year,DOY,Time", "%Y,%j,%H:%M:%S"),
+        ("Year,JulianDay,date,time", "%Y,2461164,%Y-%m-%d,%H:%M:%S"),
+        ("year,julian day,time (UTC)", "%Y,%j,%H%M%S"),
+        ("time", "%Y%m%d%H%M%S"),
+        ("time", "%Y%m%d%H%M%S.00"),
+        ("timestamp_utc", "%Y%m%d_%H%M%S"),
+        ("timestamp_utc", "%Y%m%d-%H%M%S"),
+        ("timestamp_utc", "%Y:%m:%d %H:%M:%S"),
+    ],
+)
+def test_dates_and_times_in_several_columns_and_in_digits_alone(tmp_path, header, form):
+    found = gathered(tmp_path, dated(header, form))
+    checked(found)
+    assert ("not used" in found.lines[0]) == ("date,time" in header)
+
+
+def test_hours_with_a_fraction_and_seconds_of_the_day_follow_a_day_of_the_year(tmp_path):
+    for header, unit_s in (("Year,DayOfYear,Hour", 3600.0), ("Year,DayOfYear,time_s", 1.0)):
+        data = lines(
+            f"{header},lat,lon,depth",
+            lambda t, a, o, d, unit_s=unit_s: f"{utc(t, '%Y,%j')},{t % 86400 / unit_s:.7f},{a:.8f},{o:.8f},{d:.3f}",
+        )
+        checked(gathered(tmp_path, data))
+
+
+@pytest.mark.parametrize("header", ["time,mm", "dd,time", "time,h", "time,m", "time,s,m", "time,year,mm"])
+def test_letters_that_follow_no_part_of_a_date_are_other_columns(tmp_path, header):
+    names = header.split(",")
+    row = ",".join("%Y-%m-%dT%H:%M:%SZ" if name == "time" else "2026" if name == "year" else "7" for name in names)
+    checked(gathered(tmp_path, dated(header, row)))
+
+
+def test_an_underscore_is_no_part_of_a_number():
+    assert np.isnan(numbers_of(["1_000", "12"], False)).tolist() == [True, False]
+    assert np.isnan(numbers_of(["1_000,5", "12,5"], True)).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("form", ["%d.%m.%Y,%H:%M:%S", "%d.%m.%y,%H:%M:%S"])
+def test_dates_with_dots_begin_with_the_day(tmp_path, form):
+    found = gathered(tmp_path, dated("date,time", form))
+    checked(found)
+    assert "--day-first" in found.lines[0]
+    checked(gathered(tmp_path, dated("date,time", form), "--no-day-first"), starts=None)
+
+
+def of_day(order=lambda rows: rows, blank=-1, vehicles=1):
+    """Times of day over midnight without a date, from 23:59."""
+    rows = ROWS + np.array([86_340.0 - START_S % 86_400.0, 0.0, 0.0, 0.0])
+    cells = [
+        f"{utc(t, '%H:%M:%S') if i != blank else ''},{k},{a:.8f},{o + 0.01 * k:.8f},{d:.3f}"
+        for k in range(vehicles)
+        for i, (t, a, o, d) in enumerate(rows)
+    ]
+    return "\n".join(["time,vehicle,lat,lon,depth", *order(cells)]) + "\n"
+
+
+def swapped(cells):
+    """Every fifth row before the one above it."""
+    for i in range(5, len(cells), 5):
+        cells[i - 1], cells[i] = cells[i], cells[i - 1]
+    return cells
+
+
+@pytest.mark.parametrize("order", [lambda cells: cells, swapped])
+def test_rows_out_of_order_around_a_midnight_without_a_date_are_of_one_night(tmp_path, order):
+    checked(gathered(tmp_path, of_day(order), "--date", "2026-05-03"), starts=START_S - START_S % 86_400.0 + 86_340.0)
+
+
+def test_an_empty_time_of_day_is_no_midnight(tmp_path):
+    found = gathered(tmp_path, of_day(blank=30), "--date", "2026-05-03")
+    checked(found, count=119, starts=START_S - START_S % 86_400.0 + 86_340.0)
+    assert np.ptp(found.placed[0].soundings[:, 0]) == pytest.approx(119.0)
+
+
+def test_midnights_of_two_vehicles_one_after_the_other_are_counted_for_each(tmp_path):
+    found = gathered(tmp_path, of_day(vehicles=2), "--date", "2026-05-03")
+    assert [np.ptp(log.soundings[:, 0]) for log in found.placed] == pytest.approx([119.0, 119.0])
+    assert len({log.soundings[0, 0] for log in found.placed}) == 1
+
+
+def test_a_time_of_day_that_turns_back_is_of_the_next_day(tmp_path):
+    hours = {True: 7_200.0, False: 0.0}
+    data = lines(
+        "time,lat,lon,depth",
+        lambda t, a, o, d: f"{utc(t + hours[t < START_S + 60], '%H:%M:%S')},{a:.8f},{o:.8f},{d:.3f}",
+    )
+    found = gathered(tmp_path, data, "--date", "2026-05-03")
+    assert np.ptp(found.placed[0].soundings[:, 0]) == pytest.approx(86_400.0 - 7_200.0 + 119.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "cell", "ahead_s"),
+    [
+        ("UTC offset", "+2", 7_200.0),
+        ("tz", "+02:00", 7_200.0),
+        ("timezone", "UTC+2", 7_200.0),
+        ("Time Zone", "GMT-07:00", -25_200.0),
+        ("utc_offset_hours", "5.5", 19_800.0),
+        ("UTC offset (min)", "-210", -12_600.0),
+        ("utc_offset_s", "7200", 7_200.0),
+        ("gmt_offset", "+0545", 20_700.0),
+        ("tz", "UTC", 0.0),
+        ("tz", "Z", 0.0),
+    ],
+)
+def test_a_column_of_offsets_turns_local_times_into_utc(tmp_path, header, cell, ahead_s):
+    for columns, form in ((f"time,{header}", "%Y-%m-%d %H:%M:%S"), (f"date,time,{header}", "%Y-%m-%d,%H:%M:%S")):
+        found = gathered(tmp_path, dated(columns, form, ahead_s, f",{cell}"))
+        checked(found)
+        assert not any("question" in line for line in found.lines)
+        assert f"UTC by column {header}" in found.lines[0]
+
+
+@pytest.mark.parametrize("cell", ["CEST", "Europe/Zurich", "120", "", "+99"])
+def test_a_zone_that_is_no_offset_is_named(tmp_path, cell):
+    found = gathered(tmp_path, dated("time,tz", "%Y-%m-%d %H:%M:%S", 7_200.0, f",{cell}"))
+    checked(found, starts=START_S + 7_200.0)
+    assert any("--utc-offset" in line for line in found.lines)
+    assert "column tz is not used" in found.lines[0]
+
+
+def test_an_offset_beside_times_in_utc_is_not_used(tmp_path):
+    found = gathered(tmp_path, dated("time_utc,utc_offset", "%Y-%m-%d %H:%M:%S", 0.0, ",+2"))
+    checked(found)
+    assert "column utc_offset is not used" in found.lines[0]
+
+
+@pytest.mark.parametrize("zone", ["+02:00", "+0200", "+02", " +02:00"])
+def test_times_of_day_may_state_their_zone(tmp_path, zone):
+    found = gathered(tmp_path, dated("date,time", "%Y-%m-%d,%H:%M:%S", 7_200.0, zone))
+    checked(found)
+    assert not any("question" in line for line in found.lines)
+
+
+def test_only_some_times_of_day_with_a_zone_are_refused(tmp_path):
+    data = dated("date,time", "%Y-%m-%d,%H:%M:%S", 7_200.0).replace("12:01:00", "12:01:00+02:00")
+    with pytest.raises(LogError, match="1 of 120 times in column time state a zone"):
+        gathered(tmp_path, data)
