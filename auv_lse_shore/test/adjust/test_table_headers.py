@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
@@ -38,3 +39,48 @@ def test_rows_behind_a_star_are_counted(tmp_path):
     assert found.placed[0].left_out["positions that are no numbers"] == 20
     with pytest.raises(LogError, match=r"its positions are no numbers .* '\*46.5"):
         gathered(tmp_path, lines("lat,lon,depth_ft,time", lambda *r: f"*{row(*r)}"))
+
+
+def of_a_vehicle(header, depth_m, height_m, cells=""):
+    """A table of a vehicle at a depth that changes, with its height above the bottom, each in a unit (m)."""
+
+    def written(t, a, o, d):
+        own = 2.0 + 0.5 * np.sin(t)
+        return f"{a:.8f},{o:.8f},{own / depth_m:.4f},{(d - own) / height_m:.4f},{utc(t)}Z{cells}"
+
+    return lines(f"lat,lon,{header}", written)
+
+
+@pytest.mark.parametrize(
+    ("header", "depth_m", "height_m", "cells"),
+    [
+        ("depth_ft,altimeter,time", 0.3048, 0.3048, ""),
+        ("depth (ft),height above bottom,time", 0.3048, 0.3048, ""),
+        ("vehicle_depth_ft,altitude,time", 0.3048, 0.3048, ""),
+        ("depth_ft,altimeter_m,time", 0.3048, 1.0, ""),
+        ("depth,altimeter_ft,time", 1.0, 0.3048, ""),
+        ("depth,altimeter,time", 1.0, 1.0, ""),
+        ("depth,altimeter,time,depth_unit", 0.3048, 0.3048, ",ft"),
+        ("depth,altimeter_m,time,depth_unit", 0.3048, 1.0, ",ft"),
+    ],
+)
+def test_a_height_above_the_bottom_without_a_unit_is_in_that_of_the_depth(tmp_path, header, depth_m, height_m, cells):
+    found = gathered(tmp_path, of_a_vehicle(header, depth_m, height_m, cells))
+    checked(found)
+    assert "the height above the bottom" in found.lines[0]
+    assert "--depth-unit" not in found.lines[0]
+
+
+def test_the_depth_unit_is_that_of_heights_in_a_unit_that_is_not_understood(tmp_path):
+    data = of_a_vehicle("depth,altimeter (pieds),time", 0.3048, 0.3048)
+    checked(gathered(tmp_path, data, "--depth-unit", "ft"))
+
+
+@pytest.mark.parametrize("cell", ["0", "-1", "-9999", "0.0", "9999"])
+def test_heights_above_the_bottom_without_any_echo_are_not_added(tmp_path, cell):
+    data = lines("lat,lon,depth,altimeter,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{cell},{utc(t)}Z")
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert "column altimeter is not added: it has no height" in found.lines[0]
+    with pytest.raises(LogError, match="120 depths without a height above the bottom"):
+        gathered(tmp_path, data, "--columns", "lat,lon,depth,altitude,time")

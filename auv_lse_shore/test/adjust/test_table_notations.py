@@ -170,7 +170,7 @@ def test_an_empty_column_of_heights_above_the_bottom_is_ignored_beside_a_depth(t
     if is_read:
         found = gathered(tmp_path, data)
         checked(found)
-        assert "column altimeter is not added: it is empty" in found.lines[0]
+        assert "column altimeter is not added: it has no height" in found.lines[0]
     else:
         with pytest.raises(LogError, match="120 depths without a height above the bottom"):
             gathered(tmp_path, data)

@@ -274,7 +274,8 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     values = values if stated is None else values * stated
     known = values[np.isfinite(values)]
     if role == "depth":
-        values = _below_surface(table, content.downward(values), options, content)
+        unit_m = (factor or 1.0) if stated is None else stated
+        values = _below_surface(table, content.downward(values), unit_m, options, content)
     else:
         values = _from_elevations(table, column, role, values, known, options)
     absurd = np.abs(values) > _DEEPEST_M
@@ -283,11 +284,13 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
 
 
-def _below_surface(table: Table, depths: Array, options: ReadOptions, content: LogContent) -> Array:
+def _below_surface(
+    table: Table, depths: Array, unit_m: float | Array, options: ReadOptions, content: LogContent
+) -> Array:
     """Depths of the water (m): those of a table, plus the heights above the bottom of a vehicle under water.
 
-    An empty column adds nothing, and heights that follow the depths are those of a boat's transducer, unless the user
-    names the columns.
+    A column without a height adds nothing, and heights that follow the depths are those of a boat's transducer, unless
+    the user names the columns. Heights without a unit are in that of the depths, `unit_m`.
     """
     column, altitude = table.columns.get("above_bottom"), table.columns.get("altitude")
     if column is None:
@@ -299,14 +302,17 @@ def _below_surface(table: Table, depths: Array, options: ReadOptions, content: L
                 f"{table.columns['depth'].name}, add it: --columns with depth and altitude in their places"
             )
         return depths
-    factor, heights = factor_of(column.unit) or options.depth_unit_m, table.values["above_bottom"]
-    heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights) * (factor or 1.0)
-    is_empty = bool(np.isnan(table.values["above_bottom"]).all())
+    is_same, heights = not column.unit.strip("- "), table.values["above_bottom"]
+    factor = 0.0 if is_same else factor_of(column.unit) or options.depth_unit_m
+    heights = np.where(np.isin(np.abs(heights), _NO_DATA) | ~(heights > 0.0), np.nan, heights)
+    heights = heights * (unit_m if is_same else factor or 1.0)
+    is_empty = bool(np.isnan(heights).all())
     if not options.columns and table.columns["depth"].role == "depth" and (is_empty or _follows(heights, depths)):
-        why = "it is empty" if is_empty else "it follows the depth, as below a boat"
+        why = "it has no height" if is_empty else "it follows the depth, as below a boat"
         content.notes.append(f"column {column.name} is not added: {why}")
         return depths
-    content.notes.append(f"plus column {column.name}{_unit_note(column, factor)}, the height above the bottom")
+    unit = ", in the depths' unit" if is_same and np.any(unit_m != 1.0) else _unit_note(column, factor)
+    content.notes.append(f"plus column {column.name}{unit}, the height above the bottom")
     missing = np.isfinite(depths) & np.isnan(heights)
     content.left_out[f"depths without a height above the bottom (column {column.name})"] += int(missing.sum())
     return depths + heights
