@@ -16,16 +16,18 @@ Array = NDArray[np.float64]
 _FOOT_M, _SURVEY_FOOT_M, _FATHOM_M = 0.3048, 1200.0 / 3937.0, 1.8288
 #: Metres per unit, by its names in lower case.
 METRES = {
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres", "mètre", "metro", "metros", "metri", "mtr", "mtrs",
-                     "mts"), 1.0),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres", "mètre", "metro", "metros", "metri", "metern", "mtr",
+                     "mtrs", "mts"), 1.0),
     **dict.fromkeys(("ft", "feet", "foot", "ft_i", "international foot"), _FOOT_M),
     **dict.fromkeys(("us survey foot", "us_survey_foot", "ussft", "ft_us", "foot_us", "ftus"), _SURVEY_FOOT_M),
     **dict.fromkeys(("fathom", "fathoms", "fm", "fms", "fth", "ftm"), _FATHOM_M),
     **dict.fromkeys(("dm", "decimetre", "decimetres", "decimeter", "decimeters"), 0.1),
-    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),
+    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters", "zentimeter",
+                     "zentimetern"), 0.01),
     **dict.fromkeys(("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 0.001),
     **dict.fromkeys(("km", "kilometre", "kilometres", "kilometer", "kilometers"), 1000.0),
-    "in": 0.0254, "yd": 0.9144, "yard": 0.9144, "yards": 0.9144,
+    **dict.fromkeys(("in", "inch", "inches"), 0.0254),
+    "yd": 0.9144, "yard": 0.9144, "yards": 0.9144,
 }  # fmt: skip
 #: Names, without blanks and signs, of what states the unit of a depth beside it.
 UNIT_NAMES = ("depthunit", "depthunits", "depthuom", "unit", "units", "uom")

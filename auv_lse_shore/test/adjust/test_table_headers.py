@@ -84,3 +84,40 @@ def test_heights_above_the_bottom_without_any_echo_are_not_added(tmp_path, cell)
     assert "column altimeter is not added: it has no height" in found.lines[0]
     with pytest.raises(LogError, match="120 depths without a height above the bottom"):
         gathered(tmp_path, data, "--columns", "lat,lon,depth,altitude,time")
+
+
+@pytest.mark.parametrize(
+    ("header", "unit_m"),
+    [
+        ("depth_in_ft", 0.3048),
+        ("depth_in_meters", 1.0),
+        ("Depth (inches)", 0.0254),
+        ("depth_inches", 0.0254),
+        ("depth_in", 0.0254),
+        ("Tiefe in Metern", 1.0),
+        ("Tiefe in Zentimetern", 0.01),
+    ],
+)
+def test_units_in_words_of_a_header(tmp_path, header, unit_m):
+    data = lines(f"lat,lon,{header},time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / unit_m:.4f},{utc(t)}Z")
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert "not understood" not in found.lines[0]
+
+
+@pytest.mark.parametrize(
+    ("header", "unit_m", "name"),
+    [
+        ("Lat,Lon,Depth in ft below surface,When", 0.3048, "depth_ft"),
+        ("Lat,Lon,Lake floor [ft],When", 0.3048, "depth_ft"),
+        ("Lat,Lon,Lake floor,When\n-,-,feet,-", 0.3048, "depth_feet"),
+        ("Lat,Lon,Lake floor (m),When", 1.0, "depth_m"),
+        ("Lat,Lon,Lake floor in front,When", 1.0, "depth"),
+        ("Lat,Lon,Lake floor,When", 1.0, "depth"),
+    ],
+)
+def test_proposed_columns_keep_the_unit_of_the_header(tmp_path, header, unit_m, name):
+    data = lines(header, lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / unit_m:.4f},{utc(t)}Z")
+    with pytest.raises(LogError, match=rf"--columns lat,lon,{name},datetime\."):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--columns", f"lat,lon,{name},datetime"))

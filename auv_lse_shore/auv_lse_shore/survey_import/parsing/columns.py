@@ -161,7 +161,7 @@ _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)[\"']?[^\W\d][^\r\n\0]{,5000}", re.M
 _DECIMALS = re.compile(r"\d[.,]\d{3,}")
 _ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
 #: As in "depth in feet".
-_PREPOSITION = re.compile(r"\s+in\s+(?=[a-z]+$)")
+_PREPOSITION = re.compile(r"[\s_]+in[\s_]+(?=[a-z]+$)")
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -380,19 +380,19 @@ def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
             # depth comes after the position, if it can
             for i in sorted(free, key=lambda i: (i < b, i)):
                 if name := _depth_name(values[i]):
-                    names[i] = name
+                    names[i] = name + _unit_of(dialect, i)
                     free.remove(i)
                     break
             break
     for i in free:
-        if _is_quality(values[i]) and "depth" in names[:i]:
+        if _is_quality(values[i]) and any(name.startswith("depth") for name in names[:i]):
             names[i] = "quality"
             break
     return names
 
 
 def _time_name(texts: Sequence[str], values: Array) -> str:
-    text = next((t for t in texts if t.strip()), "")
+    text = next((t for t in texts if t.strip("- ")), "")
     if not is_number(text):
         if np.isfinite(of_day_s([text]))[0]:
             return "time"
@@ -433,6 +433,13 @@ def _depth_name(values: Array) -> str:
     if (known <= 0.0).mean() > 0.9:
         return "elevation"
     return "depth" if (known >= 0.0).mean() > 0.9 else ""
+
+
+def _unit_of(dialect: Dialect, number: int) -> str:
+    """The unit of length in a column's name or in the row of units, as the end of a name; "" without one."""
+    texts = [cells[number].lower() for cells in (dialect.header, dialect.units) if number < len(cells)]
+    unit = next((word for word in re.findall("[a-z]+", " ".join(texts)) if word in METRES and word != "in"), "")
+    return f"_{unit}" if unit else ""
 
 
 def _is_quality(values: Array) -> bool:
