@@ -27,28 +27,29 @@ MAX_EXTENT_DEG = 2.0
 #: Largest number of rings in a file; those of an area have at most 2,000 corners together.
 MAX_RINGS = 700
 #: Words that define a role, as `words` separates them; the first role that matches counts.
-_KEEP_OUT = (
-    r"no ?go|no ?entry|exclu(?:sion|sive|de|ded)|keep ?(?:out|away)|stay out|off limits|avoid|forbidden|prohibited"
-    r"|restricted"
-)
-_OBJECTS = r"danger|dangerous|hazard|obstacles?|obstructions?|islands?|islets?"
+_KEEP_OUT = r"no ?go|no ?entry|exclu(?:sion|sive|de|ded)|keep ?(?:out|away)|stay out|off limits"
+#: These are no-go areas, too, but may be a part of a lake's name.
+_RISKS = r"avoid|forbidden|prohibited|restricted|dangers?|dangerous|hazards?"
+_OBJECTS = r"obstacles?|obstructions?|islands?|islets?"
 _ROLES = {
-    "no_go": re.compile(rf"\b({_KEEP_OUT}|{_OBJECTS})\b"),
+    "no_go": re.compile(rf"\b({_KEEP_OUT}|{_RISKS}|{_OBJECTS})\b"),
     "start": re.compile(r"\b(start|launch)\b"),
     "recovery": re.compile(r"\b(recovery|rally|pick ?up|home)\b"),
     "shore": re.compile(r"\b(shore|shoreline|coastline)\b"),
     "area": re.compile(r"\b(area|survey|operating|boundary|perimeter|inclu(sion|sive|de|ded)|geofence)\b"),
 }
+_ZONES = r"(?:zones?|areas?|polygons?|waters)"
 #: Titles of documents that hold no-go areas and nothing else.
 _NO_GO_TITLE = re.compile(
     rf"(?!.*\b(?:and|und|et|with|plus|survey|mission|operating|boundary|perimeter|incl|inclu\w*|geofence|start"
     rf"|launch|recovery)\b)"
-    rf"(?:.*\b(?:{_KEEP_OUT})\b.*|(?:{_OBJECTS}|hazards)(?: (?:zones?|areas?|polygons?))?(?: km[lz])?(?: \d+)?)"
+    rf"(?:.*\b(?:{_KEEP_OUT})\b.*|.*\b(?:{_RISKS}) {_ZONES}\b.*"
+    rf"|(?:{_RISKS}|{_OBJECTS})(?: {_ZONES})?(?: \d+)?(?: km[lz])?(?: \d+)?)"
 )
 
 
 def is_no_go_title(text: str) -> bool:
-    """Whether the title of a document states that it holds no-go areas only: lakes are called after islands."""
+    """Whether a document states by its title that it holds only no-go areas: lakes are called after islands, too."""
     return _NO_GO_TITLE.fullmatch(words(text)) is not None
 
 

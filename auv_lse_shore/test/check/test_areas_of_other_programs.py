@@ -85,7 +85,22 @@ def test_a_folder_says_what_is_in_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "title", ["No-go zones", "nogo.kml", "Exclusion zones Lac Léman", "Keep-out areas 2025", "Islands"]
+    "title",
+    [
+        "No-go zones",
+        "nogo.kml",
+        "Exclusion zones Lac Léman",
+        "Keep-out areas 2025",
+        "Islands",
+        "Islands 2025.kml",
+        "Hazards",
+        "Forbidden",
+        "Restricted areas, Forbidden Lake",
+        "Lake Ontario: prohibited zones",
+        "Dangerous areas",
+        "Restricted waters",
+        "Forbidden Lake no-go",
+    ],
 )
 def test_the_title_of_a_document_of_no_go_areas_counts(tmp_path, title):
     rocks = placemark("Rock", polygon(PIER)) + placemark("Shallows", polygon(LAKE[1:]))
@@ -107,6 +122,13 @@ def test_the_title_of_a_document_of_no_go_areas_counts(tmp_path, title):
         "Bay",
         "Lough Derg incl. no-go",
         "Team 3: area, no-go zones, start positions",
+        "Forbidden Lake",
+        "Prohibited Lake 2025",
+        "Restricted Bay",
+        "Lake Avoid",
+        "Avoid Lake.kml",
+        "Small Island Lake",
+        "Dangerous Reef",
     ],
 )
 def test_the_title_of_a_document_may_contain_words_of_no_go_areas(tmp_path, title):
