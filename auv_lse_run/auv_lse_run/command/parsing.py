@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
 
 
 def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Namespace:
@@ -15,13 +20,20 @@ def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Na
 
     Raises:
         SystemExit: with 2 after a printed error, with 0 after help.
+        OSError: if help cannot be written.
     """
     for each in _parsers(parser):
         name_numbers(each)
+        each._print_message = _print_message  # type: ignore[method-assign]
     options, unknown = parser.parse_known_args(words)
     if unknown:  # argparse would print the usage of the outermost parser
         _called(parser, words).error(f"unrecognized arguments: {' '.join(unknown)}")
     return options
+
+
+def _print_message(message: str, file: SupportsWrite[str] | None = None) -> None:
+    """Prints help or an error; argparse's own drops help that cannot be written."""
+    print(message, end="", file=sys.stderr if file is None else file)
 
 
 def name_numbers(parser: argparse.ArgumentParser) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 import subprocess
 import sys
@@ -182,3 +183,20 @@ def test_errors_reach_standard_error() -> None:
     done = subprocess.run([sys.executable, "-m", "auv_lse_run", "nosuch"], capture_output=True, text=True, check=False)
     assert done.stderr.startswith("error: auv_lse has no verb nosuch")
     assert done.stderr.endswith("\n")
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("words", [["--help"], ["export", "--help"], ["params", "set", "--help"], ["--version"]])
+def test_help_on_a_full_disk_is_an_error(words: list[str], unbuffered: str) -> None:
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "auv_lse_run", *words],
+            stdout=full,
+            stderr=-1,
+            env=environment,
+            check=False,
+            text=True,
+        )
+    assert done.stderr == "error: standard output: No space left on device. Send it elsewhere, or free space\n"
+    assert done.returncode == 1
