@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+from array import array
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,10 @@ from auv_lse_common.mission_file.degrees import AreaReader
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
-from auv_lse_common.topics.records import BoundReport, HealthReport, Odometry, PlanReport
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
+from auv_lse_common.topics.records import BoundReport, HealthReport, PlanReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
 from auv_lse_common.vocabulary.mission_run import RunState
-from auv_lse_common.vocabulary.sounding import Soundings
+from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError, recording_in
 from auv_lse_record.run_data import (
     DecisionRecord,
@@ -53,6 +53,13 @@ _TOPICS = {
 }
 #: Those of them that only bring notes.
 _NOTES = {"diagnostics", "mission/state"}
+#: What is kept of the messages on topics with one or more per second, as numbers: of a message, and their count.
+_ROWS: dict[str, tuple[Callable[[Any], Iterable[float]], int]] = {
+    "truth/odometry": (lambda o: (o.stamp_s, o.north_m, o.east_m, o.heading_rad), 4),
+    "odometry": (lambda o: (o.stamp_s, o.north_m, o.east_m, o.heading_rad, *o.position_std_m), 6),
+    "dead_reckoning": (lambda o: (o.stamp_s, o.north_m, o.east_m, o.heading_rad, o.depth_m), 5),
+    "sounding": (lambda sounding: sounding, len(Sounding._fields)),
+}
 #: Values of a decision in its bound report.
 _VALUES = ("jbar", "reward_so_far", "lower_bound", "lower_bound_max")
 
@@ -154,19 +161,19 @@ def _run_in(
 ) -> RunData:
     """The run of an open recording."""
     notes, parameters = notes_on_retired(parameters), without_retired(parameters)
-    logs: dict[int, dict[str, list[Any]]] = {}
+    logs: dict[int, _Log] = {}
     last_s = 0.0
     for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS, optional=_NOTES):
-        logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
+        logs.setdefault(vehicle, _Log()).add(topic.name, value)
         if topic.writer:  # anybody may publish health, with any clock
             last_s = max(last_s, stamp_s)
     if not logs:
         raise RecordingError(f"{recording.path} has no topic /auvN/...: it is not the recording of a mission.")
-    sent = [packet for log in logs.values() for packet in log["modem/tx"] if not packet.ping]
+    sent = [packet for log in logs.values() for packet in log.values["modem/tx"] if not packet.ping]
     received = [
         PacketReceived.of(packet, number)
         for number, log in logs.items()
-        for packet in log["modem/rx"]
+        for packet in log.values["modem/rx"]
         if not packet.ping
     ]
     return RunData(
@@ -186,24 +193,43 @@ def _method(parameters: Mapping[str, Mapping[str, Any]], vehicle: int) -> str:
     return str(parameters_for(parameters, f"/auv{vehicle}/planner_node").get("planner", {}).get("method", ""))
 
 
-def _vehicle_run(number: int, log: Mapping[str, list[Any]], method: str) -> VehicleRun:
+class _Log:
+    """The messages of one vehicle: rows of numbers on the topics of `_ROWS`, values on others."""
+
+    def __init__(self) -> None:
+        self.values: defaultdict[str, list[Any]] = defaultdict(list)
+        self._numbers: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+
+    def add(self, topic: str, value: Any) -> None:
+        """Adds the value of a message."""
+        if topic in _ROWS:
+            self._numbers[topic].extend(_ROWS[topic][0](value))
+        else:
+            self.values[topic].append(value)
+
+    def rows(self, topic: str) -> Array:
+        """The rows of a topic, the stamp first, in order of time (stable)."""
+        table = np.array(self._numbers[topic], dtype=float).reshape(-1, _ROWS[topic][1])
+        return table[np.argsort(table[:, 0], kind="stable")]
+
+
+def _vehicle_run(number: int, log: _Log, method: str) -> VehicleRun:
     """One vehicle's values as arrays, in order of time."""
-    odometry = sorted(log["odometry"], key=lambda o: o.stamp_s)
-    stds = np.array([o.position_std_m for o in odometry]).reshape(-1, 2)
-    raw = sorted(log["dead_reckoning"], key=lambda o: o.stamp_s)
+    odometry, values = log.rows("odometry"), log.values
+    stds, states = odometry[:, 4:], values["mission/state"]
     return VehicleRun(
         vehicle=number,
-        truth=_track(sorted(log["truth/odometry"], key=lambda o: o.stamp_s)),
-        odometry=_track(odometry),
-        soundings=Soundings.from_rows(log["sounding"]).in_order(),
-        received=Soundings.join(log["team/samples"]).in_order(),
-        decisions=_decisions(log["plan"], log["planner/bound"], method),
-        position_std_m=stds if stds.any() else np.empty((0, 2)),  # all zero: unknown (nav_msgs has no other mark)
-        dead_reckoning=np.column_stack([_track(raw), [position.depth_m for position in raw]]),
-        fixes=sorted(log["fix"], key=lambda fix: fix.stamp_s),
-        mates=sorted(log["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
-        ended_early=next((run.status.reason for run in reversed(log["mission/state"]) if run.status.ended_early), ""),
-        battery=battery_of(log["diagnostics"]),
+        truth=log.rows("truth/odometry"),
+        odometry=odometry[:, :4].copy(),
+        soundings=Soundings.from_rows(log.rows("sounding")).in_order(),
+        received=Soundings.join(values["team/samples"]).in_order(),
+        decisions=_decisions(values["plan"], values["planner/bound"], method),
+        position_std_m=stds.copy() if stds.any() else np.empty((0, 2)),  # all 0: unknown (nav_msgs has no other mark)
+        dead_reckoning=log.rows("dead_reckoning"),
+        fixes=sorted(values["fix"], key=lambda fix: fix.stamp_s),
+        mates=sorted(values["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
+        ended_early=next((run.status.reason for run in reversed(states) if run.status.ended_early), ""),
+        battery=battery_of(values["diagnostics"]),
     )
 
 
@@ -214,11 +240,6 @@ def battery_of(messages: Sequence[list[HealthReport]]) -> dict[str, str]:
         if report.values.get("state", RunState.RUNNING.name) == RunState.RUNNING.name:
             found |= {k: report.values[k] for k in (LEGS_LEFT, LEGS_PLANNED, BATTERY_LASTS) if k in report.values}
     return found if LEGS_LEFT in found else {}
-
-
-def _track(positions: Sequence[Odometry | DeadReckoning]) -> Array:
-    """Rows (time s, north m, east m, heading rad)."""
-    return np.array([(p.stamp_s, p.north_m, p.east_m, p.heading_rad) for p in positions], dtype=float).reshape(-1, 4)
 
 
 def _decisions(plans: Sequence[PlanReport], bounds: Sequence[BoundReport], method: str) -> list[DecisionRecord]:

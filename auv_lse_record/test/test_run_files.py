@@ -1,5 +1,6 @@
 """A mission written as a recording and read back."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from auv_lse_common.topics.table import VEHICLE_TOPICS, find_topic
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.health import Level
 from auv_lse_common.vocabulary.plan import Tour
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record import run_writer
 from auv_lse_record.bag_writer import BagWriter
 from auv_lse_record.message_types import definitions, make_message, message_folder, project_types, types_of
@@ -60,6 +62,25 @@ def test_run_survives_the_recording(tmp_path, synthetic_run):
         (p.receiver, p.source, p.snr_db) for p in run.received
     ]
     assert back.sim_s == pytest.approx(run.sim_s)
+
+
+def test_messages_are_kept_as_numbers(tmp_path, synthetic_run):
+    """Objects of a survey's 600,000 soundings and positions took a gigabyte."""
+    run, peaks = synthetic_run(steps=1), []
+    run.vehicles = run.vehicles[:1]
+    for count in (500, 8_500):
+        rows = np.column_stack([np.arange(count), np.ones((count, 3))]).astype(float)
+        vehicle = run.vehicles[0]
+        vehicle.soundings, vehicle.odometry, vehicle.truth = Soundings.from_rows(rows), rows, rows
+        vehicle.position_std_m = np.ones((count, 2))
+        vehicle.dead_reckoning = np.column_stack([rows, np.ones(count)])
+        write_run(run, tmp_path / str(count))
+        tracemalloc.start()
+        back = read_run(tmp_path / str(count))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert len(back.vehicles[0].soundings) == len(back.vehicles[0].dead_reckoning) == count
+    assert (peaks[1] - peaks[0]) / (4 * 8_000) < 250.0
 
 
 def test_raw_positions_fixes_and_mate_navigation_survive_the_recording(tmp_path, synthetic_run):
