@@ -121,3 +121,15 @@ def test_proposed_columns_keep_the_unit_of_the_header(tmp_path, header, unit_m, 
     with pytest.raises(LogError, match=rf"--columns lat,lon,{name},datetime\."):
         gathered(tmp_path, data)
     checked(gathered(tmp_path, data, "--columns", f"lat,lon,{name},datetime"))
+
+
+@pytest.mark.parametrize("sign", ["#", "% ", "* "])
+def test_joined_tables_whose_headers_are_behind_signs_of_comments(tmp_path, sign):
+    rows = [row(*r) for r in ROWS]
+    header, other = f"{sign}lat,lon,depth_ft,time", f"{sign}lat,lon,depth_m,time"
+    with pytest.raises(LogError, match=r"has two headers, lat,lon,depth_ft,time and .*depth_m,time in line 62"):
+        gathered(tmp_path, "\n".join([header, *rows[:60], other, *rows[60:]]))
+    checked(gathered(tmp_path, "\n".join([header, *rows[:60], header, *rows[60:]])))
+    notes = f"{sign}lat,lon,depth of the north bay", f"{sign}begin"
+    checked(gathered(tmp_path, "\n".join([header, *rows[:60], *notes, *rows[60:]])))
+    checked(gathered(tmp_path, "\n".join(["lat,lon,depth_ft,time", *rows[:60], other, *rows[60:]])))

@@ -155,8 +155,8 @@ _PARTS = {
     "min": "_min", "mins": "_min", "minutes": "_min", "'": "_min",
     "sec": "_sec", "secs": "_sec", "seconds": "_sec", '"': "_sec", "''": "_sec",
 }  # fmt: skip
-#: A line that begins with a name and has no decimals.
-_MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)[\"']?[^\W\d][^\r\n\0]{,5000}", re.MULTILINE)
+#: A line that begins with a name, also behind a sign of comments, and has no decimals.
+_MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)((?:[#%!*]+|//)?)[ \t]*([\"']?[^\W\d][^\r\n\0]{,5000})", re.MULTILINE)
 #: A number with at least three decimals, as degrees have.
 _DECIMALS = re.compile(r"\d[.,]\d{3,}")
 _ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
@@ -241,15 +241,19 @@ def _spelled_out(names: Sequence[str]) -> list[str]:
 
 
 def other_header(text: str, dialect: Dialect, columns: dict[str, Column]) -> tuple[int, str]:
-    """Number and text of a line after the header that is one with other columns, as of joined tables; 0 and "" else."""
-    is_after = False
+    """Number and text of a line after the header that is one with other columns, as of joined tables; 0 and "" else.
+
+    It is behind the same sign of comments, if the header is.
+    """
+    own_sign = None
     for match in _MAYBE_HEADER.finditer(text):
-        cells = [cell.strip() for cell in next(fields_of([match[0]], dialect.delimiter), [])]
+        sign, line = match.groups()
+        cells = [cell.strip() for cell in next(fields_of([line], dialect.delimiter), [])]
         if any(map(is_number, cells)):
             continue  # a row of a table without decimals
         is_own = tuple(cells) in (dialect.header, dialect.units)
-        is_after |= is_own
-        found = named_columns(cells) if is_after and not is_own else {}
+        own_sign = sign if is_own and own_sign is None else own_sign
+        found = named_columns(cells) if sign == own_sign and not is_own else {}
         if is_complete(found) and any(_use(column) != _use(found.get(role)) for role, column in columns.items()):
             return text.count("\n", 0, match.start()) + 1, match[0].strip()
     return 0, ""
