@@ -8,6 +8,7 @@ from adjust.survey_logs import START_S
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
+from auv_lse_shore.survey_import.parsing.times import days
 from auv_lse_shore.survey_import.survey_log import LogError
 
 
@@ -133,6 +134,7 @@ def test_a_time_of_day_that_turns_back_is_of_the_next_day(tmp_path):
         ("UTC offset (min)", "-210", -12_600.0),
         ("utc_offset_s", "7200", 7_200.0),
         ("gmt_offset", "+0545", 20_700.0),
+        ("gmt_offset", '"+2,0"', 7_200.0),
         ("tz", "UTC", 0.0),
         ("tz", "Z", 0.0),
     ],
@@ -170,3 +172,52 @@ def test_only_some_times_of_day_with_a_zone_are_refused(tmp_path):
     data = dated("date,time", "%Y-%m-%d,%H:%M:%S", 7_200.0).replace("12:01:00", "12:01:00+02:00")
     with pytest.raises(LogError, match="1 of 120 times in column time state a zone"):
         gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        ("Date,Time", lambda t: f"{t // 86_400.0 + 25_569:.0f},{t % 86_400.0 / 86_400.0:.9f}"),
+        ("Date,Time", lambda t: f"{t // 86_400.0 + 25_569:.0f},{utc(t, '%H:%M:%S')}"),
+        ("Date,Time", lambda t: f"{utc(t, '%Y-%m-%d')},{t % 86_400.0 / 86_400.0:.9f}"),
+        ("Year,Month,Day,Time", lambda t: utc(t, "%Y,%b,%d,%H:%M:%S")),
+        ("Year,Month,Day,Hour,Minute,Second", lambda t: utc(t, "%Y,%B,%d,%H,%M,%S")),
+    ],
+)
+def test_dates_and_times_of_spreadsheets(tmp_path, header, cells):
+    data = lines(f"{header},lat,lon,depth", lambda t, a, o, d: f"{cells(t)},{a:.8f},{o:.8f},{d:.3f}")
+    checked(gathered(tmp_path, data))
+
+
+@pytest.mark.parametrize("date", ["30526", "50326", "40125", "12345"])
+def test_five_digits_that_may_be_a_date_without_signs_are_none(date):
+    assert np.isnan(days([date], None)[0]).all()
+
+
+def test_times_whose_leading_zero_a_spreadsheet_removed(tmp_path):
+    def row(t, a, o, d):
+        return f"{utc(t, '%Y%m%d')},{int(utc(t - 3_570.0, '%H%M%S'))},{a:.8f},{o:.8f},{d:.3f}"
+
+    checked(gathered(tmp_path, lines("date,time,lat,lon,depth", row)), starts=START_S - 3_570.0)
+
+
+@pytest.mark.parametrize(("start_s", "unit"), [(9_950.0, 1.0), (35_970.0, 1.0), (20_000.0, 1_000.0)])
+def test_five_digits_that_count_up_are_seconds(tmp_path, start_s, unit):
+    data = lines(
+        "date,time,lat,lon,depth" if unit == 1.0 else "time_ms,lat,lon,depth",
+        lambda t, a, o, d: (
+            f"{'2026-05-03,' if unit == 1.0 else ''}{(t - START_S) * unit + start_s:.0f},{a:.8f},{o:.8f},{d:.3f}"
+        ),
+    )
+    found = gathered(tmp_path, data, *([] if unit == 1.0 else ["--date", "2026-05-03"]))
+    checked(found, starts=None)
+    assert np.ptp(found.placed[0].soundings[:, 0]) == pytest.approx(119.0)
+
+
+def test_a_local_time_beside_a_date_in_utc_is_local(tmp_path):
+    data = lines(
+        "utc_date,local_time,lat,lon,depth",
+        lambda t, a, o, d: f"{utc(t, '%Y-%m-%d')},{utc(t + 7_200.0, '%H:%M:%S')},{a:.8f},{o:.8f},{d:.3f}",
+    )
+    assert any("--utc-offset" in line for line in gathered(tmp_path, data).lines)
+    checked(gathered(tmp_path, data, "--utc-offset", "2"))

@@ -133,3 +133,41 @@ def test_joined_tables_whose_headers_are_behind_signs_of_comments(tmp_path, sign
     notes = f"{sign}lat,lon,depth of the north bay", f"{sign}begin"
     checked(gathered(tmp_path, "\n".join([header, *rows[:60], *notes, *rows[60:]])))
     checked(gathered(tmp_path, "\n".join(["lat,lon,depth_ft,time", *rows[:60], other, *rows[60:]])))
+
+
+def blanks(header, *more):
+    """A table with blanks between fields; some columns hold 1, 2 and so on."""
+    ends = "".join(f" {k}" for k in more)
+    return lines(header, lambda t, a, o, d: f"{a:.8f} {o:.8f} {d:.3f} {t:.0f}{ends}")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Latitude (N) Longitude (E) Depth (m) time (s)",
+        "lat [deg] lon [deg] depth [m] time",
+        "lat lon depth time note",
+        "lat lon depth time",
+    ],
+)
+def test_units_in_brackets_are_no_columns_of_a_table_with_blanks(tmp_path, header):
+    checked(gathered(tmp_path, blanks(header)))
+
+
+@pytest.mark.parametrize(
+    "header", ["lat lon water depth time", "Position lat lon depth time", "lat lon sea depth time (s)"]
+)
+def test_names_of_several_words_in_a_table_with_blanks_are_refused(tmp_path, header):
+    with pytest.raises(
+        LogError, match=r"has 5 names in its header and 4 fields in its rows.*--columns lat,lon,depth,time"
+    ):
+        gathered(tmp_path, blanks(header))
+    checked(gathered(tmp_path, blanks(header), "--columns", "lat,lon,depth,time"))
+    checked(
+        gathered(tmp_path, blanks(header.replace("water depth", "depth").replace("sea ", "").replace("Position ", "")))
+    )
+
+
+def test_a_last_column_that_few_rows_of_a_table_with_blanks_have_is_one(tmp_path):
+    text = blanks("lat lon depth time note").replace(f"{ROWS[7][0]:.0f}\n", f"{ROWS[7][0]:.0f} here\n")
+    checked(gathered(tmp_path, text))

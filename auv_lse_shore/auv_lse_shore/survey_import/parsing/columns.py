@@ -62,15 +62,15 @@ class Table:
 #: Names of each role without blanks, signs and units; of several columns of a role the first name counts.
 ROLES: dict[str, tuple[str, ...]] = {
     "lat": (
-        "lat", "latitude", "latdeg", "latitudedeg", "gpslat", "gpslatitude", "poslat", "latwgs84", "latitudewgs84",
-        "wgs84lat", "decimallatitude", "breite", "breitengrad", "geobreite", "latitud", "latitudine", "breddegrad",
-        "breedtegraad", "szerokosc", "sirka", "shirota",
+        "lat", "latitude", "latdeg", "latitudedeg", "gpslat", "gpslatitude", "poslat", "positionlat", "latwgs84",
+        "latitudewgs84", "wgs84lat", "decimallatitude", "breite", "breitengrad", "geobreite", "latitud", "latitudine",
+        "breddegrad", "breedtegraad", "szerokosc", "sirka", "shirota",
     ),
     "lon": (
         "lon", "longitude", "lng", "long", "londeg", "longitudedeg", "gpslon", "gpslong", "gpslng", "gpslongitude",
-        "poslon", "lonwgs84", "longitudewgs84", "wgs84lon", "decimallongitude", "laenge", "lange", "länge",
-        "laengengrad", "längengrad", "geolaenge", "longitud", "longitudine", "lengdegrad", "lengtegraad", "dlugosc",
-        "delka", "dolgota",
+        "poslon", "positionlon", "lonwgs84", "longitudewgs84", "wgs84lon", "decimallongitude", "laenge", "lange",
+        "länge", "laengengrad", "längengrad", "geolaenge", "longitud", "longitudine", "lengdegrad", "lengtegraad",
+        "dlugosc", "delka", "dolgota",
     ),
     "lat_side": (
         "ns", "latns", "latitudens", "latdir", "latitudedir", "latdirection", "latitudedirection", "lathemisphere",
@@ -321,6 +321,8 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
         raise LogError(f"--columns: {unknown[0]} means nothing here; write lat, lon, depth, time, or - to skip one.")
     columns = _of_a_vehicle_under_water(columns)
     if is_complete(columns):
+        if not names:
+            _check_names(path, dialect, columns, text)
         return columns
     for angle in ("lat", "lon"):
         part = columns.get(f"{angle}_min") or columns.get(f"{angle}_sec")
@@ -344,6 +346,31 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     else:
         what = f"has no header; its first row is {', '.join(dialect.sample[0] if dialect.sample else [])[:120]}"
     raise LogError(f"{path} {what}. {cure}.")
+
+
+def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text: str) -> None:
+    """Checks that a name of several words in a table with blanks does not shift those behind it.
+
+    Raises:
+        LogError: with a proposal from the values, if there are more names than fields and it has other columns.
+    """
+    count = len(dialect.header)
+    if dialect.delimiter != " " or count <= dialect.width:
+        return
+    rows = rows_across(text, dialect)
+    guess = proposal(dialect, rows)
+    found = named_columns(guess)
+    if count > max(map(len, rows), default=0) and is_complete(found) and _numbers(found) != _numbers(columns):
+        raise LogError(
+            f"{path} has {count} names in its header and {dialect.width} fields in its rows. By their values they look "
+            f"like: --columns {','.join(guess)}."
+        )
+
+
+def _numbers(columns: dict[str, Column]) -> set[int]:
+    """The numbers of the columns of positions and depths."""
+    position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
+    return {columns[role].number for role in (*position, depth_role(columns))}
 
 
 def _has_positions(rows: Sequence[Sequence[str]]) -> bool:

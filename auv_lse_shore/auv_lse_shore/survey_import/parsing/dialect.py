@@ -20,6 +20,8 @@ SAMPLE = 200
 _DELIMITERS = (",", ";", "\t", "|", " ")
 #: Signs of comments; numbers behind a star are a row that is marked.
 _COMMENT = re.compile(r"#+|//|%+|!|'|;;|\*+(?!\s*[-+.]?\d)")
+#: A name with units in brackets behind it.
+_BRACKETED = re.compile(r"\S[^\s(\[{]*(?:\s*[(\[{][^)\]}]*[)\]}])*")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
@@ -137,6 +139,8 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
     elif names := [row for row in comments if len(row) == width and not any(map(is_number, row))]:
         has_units = len(names) > 1 and len(set(names[-1])) < width  # such as deg, deg, m
         header, units = tuple(names[-1 - has_units]), tuple(names[-1]) if has_units else ()
+    if delimiter == " " and len(header) > width:
+        header = tuple(_BRACKETED.findall(" ".join(header)))
     values = rows[first:] if first is not None else []
     cells = [cell for row in values for cell in row]
     commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell))

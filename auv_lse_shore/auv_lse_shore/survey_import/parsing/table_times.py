@@ -24,6 +24,7 @@ from auv_lse_shore.survey_import.parsing.columns import (
 )
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import (
+    SERIAL_FROM_S,
     UTC_FROM_S,
     are_compact,
     are_six_digits,
@@ -104,7 +105,7 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
                 content.notes.append(f"column {dates.name} is ignored: {date!r} is not a date")
             return Clock.DAY, _past_midnights(clock - (0.0 if zoned else header_zone_s(column.name)), table)
         day = _past_midnight(clock, day, dates.name, table, content)
-        is_utc = is_utc or "utc" in dates.name.lower()
+        is_utc = is_utc or ("utc" in dates.name.lower() and "local" not in column.name.lower())
         has_zone = bool(zoned)
         stamps = day + clock - (0.0 if has_zone else header_zone_s(f"{column.name} {dates.name}"))
     else:
@@ -169,7 +170,14 @@ def _without_offsets(times: Array, table: Table, content: LogContent) -> Array:
     ahead_s = offsets_s(cells.tolist(), factor_of(column.unit, TIME_UNITS) or 3600.0)
     unclear = cells[~np.isfinite(ahead_s) & np.isfinite(times)]
     if content.clock not in (Clock.LOCAL, Clock.DAY) or len(unclear):
-        why = f"{first_of(unclear)!r} is no offset such as +02:00" if len(unclear) else "the times need none"
+        text = first_of(unclear)
+        why = (
+            f"{text!r} is no offset such as +02:00"
+            if text
+            else "some rows have none"
+            if len(unclear)
+            else "the times need none"
+        )
         content.notes.append(f"column {column.name} is not used: {why}")
         return times
     content.notes.append(f"UTC by column {column.name}")
@@ -247,7 +255,7 @@ def _from_numbers(
     if (
         low > 25_569.0 and float(np.nanmax(numbers)) < 80_000.0 and not unit_s and (numbers % 1.0 != 0.0).any()
     ):  # days of a spreadsheet since 1899-12-30
-        days_s = (numbers - 25_569.0) * 86_400.0 - header_zone_s(column.name)
+        days_s = numbers * 86_400.0 + SERIAL_FROM_S - header_zone_s(column.name)
         return Clock.UTC if "utc" in column.name.lower() else Clock.LOCAL, days_s
     times = seconds(numbers)
     if unit_s and low * unit_s < UTC_FROM_S:
@@ -258,6 +266,8 @@ def _from_numbers(
         dates = _dates(table)
         day, _ = days(dates.texts, options.day_first)
         if np.isfinite(day).mean() > 0.5:
+            if not unit_s and float(np.nanmax(times)) <= 1.0:  # a share of the day, as spreadsheets have it
+                times = times * 86_400.0
             name = f"{column.name} {dates.name}".lower()
             day = _past_midnight(times, day, dates.name, table, content)
             return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times - header_zone_s(name)

@@ -20,6 +20,7 @@ from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Column, Table, d
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.table_times import times_of
 from auv_lse_shore.survey_import.parsing.text import text_of
+from auv_lse_shore.survey_import.parsing.times import months
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
 Array = NDArray[np.float64]
@@ -93,12 +94,14 @@ def beginning(head: bytes) -> str:
 
 
 def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) -> Array:
-    """Numbers of cells; angles may have hemispheres, minutes and seconds.
+    """Numbers of cells; angles may have hemispheres, minutes and seconds, months names.
 
     Raises:
         LogError: if a hemisphere is not clear.
     """
     numbers = numbers_of(cells, decimal_comma)
+    if role == "month":
+        return np.where(np.isnan(numbers), months(cells), numbers)
     if role not in ("lat", "lon", "x", "y"):
         return numbers
     for i in np.flatnonzero(~np.isfinite(numbers)).tolist():

@@ -24,11 +24,15 @@ _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
 _OF_DAY = re.compile(
     r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?\s*(Z|(?:UTC|GMT)?(?:[+-]\d{2}(?::?\d{2})?)?)$"
 )
-_SIX_DIGITS = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d*)?)")
+#: Spreadsheets remove a leading zero.
+_SIX_DIGITS = re.compile(r"(\d{1,2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.:](\d{1,2})[-/.:](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
 #: ISO 8601 without signs: 20250614T100000Z.
 _COMPACT = re.compile(r"\s*((?:19|20)\d{6})T?[ _-]?(\d{2})(\d{2})(\d{2}(?:\.\d*)?)(\s*(?:Z|[+-]\d{2}(?::?\d{2})?)?)$")
+#: A day of a spreadsheet that is no 4-03-25 without signs, and their first one (s since 1970: 1899-12-30).
+_SERIAL = re.compile(r"[2-7](?:3[2-9]|[4-9]\d)\d\d(\.0*)?")
+SERIAL_FROM_S = -25_569.0 * 86_400.0
 #: A year and the day in it, as in 2025-165.
 _YEAR_DAY = re.compile(r"((?:19|20)\d{2})-?(\d{3})$")
 #: Months by the beginnings of their English, German, French, Spanish and Italian names.
@@ -44,6 +48,7 @@ _NAME = f"({'|'.join(sorted(_MONTHS, key=len, reverse=True))})[^\\W\\d_]*"
 _WEEKDAY = r"^\s*(?:[^\W\d_]{2,10}[.,]{0,2}\s+)?"
 _DAY_NAME_YEAR = re.compile(rf"{_WEEKDAY}(\d{{1,2}})[-/. ]*{_NAME}[-/., ]*(\d{{4}}|\d{{2}})(?!\d)", re.IGNORECASE)
 _NAME_DAY_YEAR = re.compile(rf"{_WEEKDAY}{_NAME}[-/. ]*(\d{{1,2}})[-/., ]+(\d{{4}})(?!\d)", re.IGNORECASE)
+_MONTH_NAME = re.compile(rf"{_NAME}\.?$", re.IGNORECASE)
 _YEAR_AT_END = re.compile(
     rf"{_WEEKDAY}{_NAME}\s+(\d{{1,2}})\s+(\d{{1,2}}:[\d:.]+(?:\s*[AaPp][Mm])?(?:\s+[A-Z]{{3,4}})?)\s+(\d{{4}})\s*$",
     re.IGNORECASE,
@@ -91,7 +96,7 @@ def _of_day(text: str) -> float:
 
 
 def are_six_digits(texts: Sequence[str]) -> bool:
-    """Whether all texts that are not blank are times such as "140305": seconds that count up are not for long."""
+    """Whether all texts that are not blank are times such as "140305" or "90305": seconds soon are none."""
     known = [text.strip() for text in texts if text.strip()]
     return bool(known) and all(map(_SIX_DIGITS.fullmatch, known)) and bool(np.isfinite(of_day_s(known)).all())
 
@@ -108,7 +113,7 @@ def offsets_s(texts: Sequence[str], unit_s: float) -> Array:
     Args:
         unit_s: Seconds per unit of a plain number.
     """
-    found = {text: _offset_s(text.strip().upper(), unit_s) for text in set(texts)}
+    found = {text: _offset_s(text.strip().upper().replace(",", "."), unit_s) for text in set(texts)}
     return np.array([found[text] for text in texts])
 
 
@@ -160,6 +165,13 @@ def _with_numbers(text: str) -> str:
     return f"{full_year(int(year))}-{_MONTHS[name.lower()]}-{day}{rest}"
 
 
+def months(texts: Sequence[str]) -> Array:
+    """Numbers (n,) of months by their names; NaN for others."""
+    found = {text: _MONTH_NAME.match(text.strip()) for text in set(texts)}
+    numbers = {text: _MONTHS[match[1].lower()] if match else float("nan") for text, match in found.items()}
+    return np.array([numbers[text] for text in texts])
+
+
 def full_year(number: int) -> int:
     """A year of two digits in full: 1980 to 2079."""
     return number + (0 if number > 99 else 1900 if number >= 80 else 2000)
@@ -177,6 +189,8 @@ def _days(texts: Sequence[str], day_first: bool) -> dict[str, float]:
 def _date(text: str, day_first: bool) -> float:
     if (match := _YEAR_DAY.match(text)) and 1 <= int(match[2]) <= 366:
         return datetime(int(match[1]), 1, 1, tzinfo=UTC).timestamp() + 86_400.0 * (int(match[2]) - 1)
+    if _SERIAL.fullmatch(text):
+        return SERIAL_FROM_S + 86_400.0 * float(text)
     if match := _YEAR_FIRST.match(text):
         parts = [int(part) for part in match.groups() if part]
     elif match := _YEAR_LAST.match(text):
