@@ -27,6 +27,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     SERIAL_FROM_S,
     UTC_FROM_S,
     are_compact,
+    are_four_digits,
     are_six_digits,
     datetimes,
     days,
@@ -93,7 +94,8 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
     is_utc = is_utc or first.strip().endswith(("Z", "UTC", "GMT"))
     sample = texts[:: len(texts) // _SAMPLED + 1]
-    are_digits = are_compact(sample) or (are_six_digits(sample) and column.unit not in TIME_UNITS)
+    are_of_day = are_six_digits(sample) or (has_date(table.columns) and are_four_digits(sample))
+    are_digits = are_compact(sample) or (are_of_day and column.unit not in TIME_UNITS)
     if not are_digits and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
     if np.isfinite(of_day_s(sample)).mean() > 0.5:

@@ -24,6 +24,7 @@ _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
 _OF_DAY = re.compile(
     r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?\s*(Z|(?:UTC|GMT)?(?:[+-]\d{2}(?::?\d{2})?)?)$"
 )
+_FOUR_DIGITS = re.compile(r"(\d{2})(\d{2})")
 #: Spreadsheets remove a leading zero.
 _SIX_DIGITS = re.compile(r"(\d{1,2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.:](\d{1,2})[-/.:](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
@@ -74,7 +75,7 @@ def seconds(values: Array) -> Array:
 
 
 def of_day_s(texts: Sequence[str]) -> Array:
-    """Seconds of the day of times such as "14:03:05.2", "2:03 PM" or "140305"; NaN for others.
+    """Seconds of the day of times such as "14:03:05.2", "2:03 PM", "140305" or "1403"; NaN for others.
 
     Those of a time with a zone, such as "16:03+02:00", are of UTC, and may be negative.
     """
@@ -92,6 +93,8 @@ def _of_day(text: str) -> float:
         return hour * 3600.0 + int(minutes) * 60.0 + float((rest or "0").replace(",", ".")) - _zone_s(zone)
     if (match := _SIX_DIGITS.fullmatch(text)) and int(match[1]) < 25 and int(match[2]) < 60 and float(match[3]) < 61.0:
         return int(match[1]) * 3600.0 + int(match[2]) * 60.0 + float(match[3])
+    if (match := _FOUR_DIGITS.fullmatch(text)) and int(match[1]) < 24 and int(match[2]) < 60:
+        return int(match[1]) * 3600.0 + int(match[2]) * 60.0
     return float("nan")
 
 
@@ -99,6 +102,14 @@ def are_six_digits(texts: Sequence[str]) -> bool:
     """Whether all texts that are not blank are times such as "140305" or "90305": seconds soon are none."""
     known = [text.strip() for text in texts if text.strip()]
     return bool(known) and all(map(_SIX_DIGITS.fullmatch, known)) and bool(np.isfinite(of_day_s(known)).all())
+
+
+def are_four_digits(texts: Sequence[str]) -> bool:
+    """Whether all texts that are not blank are times such as "1403", several in a minute or over more than an hour."""
+    known = [text.strip() for text in texts if text.strip()]
+    if not known or not all(map(_FOUR_DIGITS.fullmatch, known)) or np.isnan(of_day_s(known)).any():
+        return False
+    return 2 * len(set(known)) <= len(known) or int(max(known)) - int(min(known)) >= 100
 
 
 def are_compact(texts: Sequence[str]) -> bool:
