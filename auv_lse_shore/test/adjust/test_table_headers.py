@@ -171,3 +171,37 @@ def test_names_of_several_words_in_a_table_with_blanks_are_refused(tmp_path, hea
 def test_a_last_column_that_few_rows_of_a_table_with_blanks_have_is_one(tmp_path):
     text = blanks("lat lon depth time note").replace(f"{ROWS[7][0]:.0f}\n", f"{ROWS[7][0]:.0f} here\n")
     checked(gathered(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "header", ["# lat (deg) lon (deg) depth (ft) time", "# lat [deg] lon [deg] depth [ft] time (utc)"]
+)
+def test_units_in_brackets_of_a_header_behind_a_sign_of_comments(tmp_path, header):
+    checked(gathered(tmp_path, lines(header, lambda *r: row(*r).replace(",", " "))))
+
+
+def test_one_name_for_a_date_and_a_time_with_a_blank_between_is_refused(tmp_path):
+    data = lines("datetime lat lon depth", lambda t, a, o, d: f"{utc(t, '%Y-%m-%d %H:%M:%S')} {a:.8f} {o:.8f} {d:.3f}")
+    columns = "date,time,lat,lon,depth"
+    with pytest.raises(LogError, match=rf"has 4 names in its header and 5 fields in its rows.*--columns {columns}\."):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--columns", columns))
+
+
+def test_fields_behind_the_last_name_of_a_table_with_blanks_are_not_used(tmp_path):
+    checked(gathered(tmp_path, blanks("lat lon depth time", 5, 6)))
+    checked(gathered(tmp_path, blanks("lat lon depth", 5)), starts=None)
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        ("time lat lon speed depth note", "{t:.0f} {a:.8f} {o:.8f} 1.{u:.0f} {d:.3f}"),
+        ("time lat lon speed depth", "{t:.0f} {a:.8f} {o:.8f} 1.{u:.0f} {d:.3f} 7"),
+        ("time pitch roll lat lon depth", "{t:.0f} 0.12{u:.0f}3 0.34{u:.0f}5 {a:.8f} {o:.8f} {d:.3f} 7"),
+        ("date time lat lon speed depth", "2026-05-03 {c} {a:.8f} {o:.8f} 1.{u:.0f} {d:.3f} 7"),
+    ],
+)
+def test_values_that_look_like_others_are_no_reason_to_refuse_a_table_with_blanks(tmp_path, header, cells):
+    data = lines(header, lambda t, a, o, d: cells.format(t=t, a=a, o=o, d=d, u=t % 10, c=utc(t, "%H:%M:%S")))
+    checked(gathered(tmp_path, data), starts=None)

@@ -126,6 +126,9 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
     def numbers(row: list[str]) -> int:
         return sum(1 for cell in row if is_number(cell))
 
+    def without_blanks(row: list[str]) -> list[str]:
+        return _BRACKETED.findall(" ".join(row)) if delimiter == " " and len(row) > width else row
+
     usual = float(np.median([numbers(row) for row in rows if len(row) == width]))
     first = next((i for i, row in enumerate(rows) if len(row) == width and numbers(row) >= 0.5 * max(usual, 1.0)), None)
     before = rows[: len(rows) if first is None else first]
@@ -136,11 +139,10 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
         header, units = tuple(names[-2]), tuple(names[-1])
     elif names:
         header = tuple(names[-1])
-    elif names := [row for row in comments if len(row) == width and not any(map(is_number, row))]:
+    elif names := [row for row in map(without_blanks, comments) if len(row) == width and not any(map(is_number, row))]:
         has_units = len(names) > 1 and len(set(names[-1])) < width  # such as deg, deg, m
         header, units = tuple(names[-1 - has_units]), tuple(names[-1]) if has_units else ()
-    if delimiter == " " and len(header) > width:
-        header = tuple(_BRACKETED.findall(" ".join(header)))
+    header = tuple(without_blanks([*header]))
     values = rows[first:] if first is not None else []
     cells = [cell for row in values for cell in row]
     commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell))

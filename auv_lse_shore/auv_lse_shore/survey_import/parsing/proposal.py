@@ -1,0 +1,101 @@
+"""Names for the columns of a table from what their values look like: a proposal for `--columns`."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_gp.length_units import METRES
+from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of
+from auv_lse_shore.survey_import.parsing.times import days, of_day_s
+
+Array = NDArray[np.float64]
+
+
+def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
+    """Names for `--columns` from what the columns of a table without a header look like; "-" for unknown ones."""
+    width = dialect.width
+    texts = [[row[i] for row in rows if len(row) == width] for i in range(width)]
+    values = [numbers_of(column, dialect.decimal_comma) for column in texts]
+    names = ["-"] * width
+    for i, column in enumerate(texts):
+        names[i] = _time_name(column, values[i]) or "-"
+    free = [i for i in range(width) if names[i] == "-" and 2 * np.isfinite(values[i]).sum() > len(values[i])]
+    for a, b in itertools.pairwise(free):
+        if pair := _pair(values[a], values[b]):
+            names[a], names[b] = pair
+            free = [i for i in free if i not in (a, b)]
+            # depth comes after the position, if it can
+            for i in sorted(free, key=lambda i: (i < b, i)):
+                if name := _depth_name(values[i]):
+                    names[i] = name + _unit_of(dialect, i)
+                    free.remove(i)
+                    break
+            break
+    for i in free:
+        if _is_quality(values[i]) and any(name.startswith("depth") for name in names[:i]):
+            names[i] = "quality"
+            break
+    return names
+
+
+def _time_name(texts: Sequence[str], values: Array) -> str:
+    text = next((t for t in texts if t.strip("- ")), "")
+    if not is_number(text):
+        if np.isfinite(of_day_s([text]))[0]:
+            return "time"
+        if np.isfinite(days([text], None)[0])[0]:
+            return "date"
+        return "datetime" if re.match(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,]", text) else ""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return ""
+    low, high = float(known.min()), float(known.max())
+    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if low * factor >= 3e8 and high * factor <= 4.2e9:
+            return f"time_{unit}"
+    return ""
+
+
+def _pair(a: Array, b: Array) -> tuple[str, str] | None:
+    """Whether two columns are latitude and longitude, or metres."""
+    a, b = a[np.isfinite(a) & (a != 0.0)], b[np.isfinite(b) & (b != 0.0)]
+    if not len(a) or not len(b):
+        return None
+    spans = float(np.ptp(a)), float(np.ptp(b))
+    are_fine = any((np.round(values, 3) != values).mean() > 0.5 for values in (a, b))
+    if max(spans) < 5.0 and are_fine:
+        if np.abs(a).max() <= 90.0 and np.abs(b).max() <= 180.0:
+            return "lat", "lon"
+        if np.abs(a).max() <= 180.0 and np.abs(b).max() <= 90.0:
+            return "lon", "lat"
+    if min(np.abs(a).min(), np.abs(b).min()) > 1000.0 and max(spans) < 200_000.0:
+        return "east", "north"
+    return None
+
+
+def _depth_name(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    if len(np.unique(known)) < 2 or np.abs(known).max() > 12_000.0:
+        return ""
+    if (known <= 0.0).mean() > 0.9:
+        return "elevation"
+    return "depth" if (known >= 0.0).mean() > 0.9 else ""
+
+
+def _unit_of(dialect: Dialect, number: int) -> str:
+    """The unit of length in a column's name or in the row of units, as the end of a name; "" without one."""
+    texts = [cells[number].lower() for cells in (dialect.header, dialect.units) if number < len(cells)]
+    unit = next((word for word in re.findall("[a-z]+", " ".join(texts)) if word in METRES and word != "in"), "")
+    return f"_{unit}" if unit else ""
+
+
+def _is_quality(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return (
+        len(np.unique(known)) > 2 and known.min() >= 0.0 and known.max() <= 100.0 and bool((known % 1.0 == 0.0).all())
+    )
