@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS
@@ -115,19 +116,44 @@ class DepthSensitivity:
         if correction is None:
             raise ValueError("effect: there is no correction yet; call update() first")
         parts = [(correction.model.vehicles[number].block, own) for number, own in self._vehicles.items()]
-        root = np.linalg.cholesky(correction.covariance)
+        root = np.asarray(np.linalg.cholesky(correction.covariance), dtype=float)
         squares = np.zeros_like(root)
         for block, own in parts:
             squares[block, block] = own.squares
         fixed = correction.fix_sensitivity(vehicle) @ root
-        left = root @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)
-        seen = left.T @ squares @ left
-        if len(seen) > MANY_UNKNOWNS:
-            ways = eigh(seen, subset_by_index=(len(seen) - MODES, len(seen) - 1))[1][:, ::-1]
+        if len(root) > MANY_UNKNOWNS:
+            strongest = _strongest_of_many(root, squares, fixed)
         else:
-            ways = np.linalg.eigh(seen)[1][:, ::-1][:, :MODES]
-        modes = np.column_stack([root @ fixed.T, left @ ways])
+            left = root @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)
+            strongest = left @ np.linalg.eigh(left.T @ squares @ left)[1][:, ::-1][:, :MODES]
+        modes = np.column_stack([root @ fixed.T, strongest])
         effect = np.zeros((self._count, modes.shape[1]))
         for block, own in parts:
             effect[own.centers] = own.rows @ modes[block]
         return effect
+
+
+def _strongest_of_many(root: Array, squares: Array, fixed: Array) -> Array:
+    """The `MODES` strongest modes (u, modes) that a fix would leave, by products with vectors alone.
+
+    Args:
+        root: Root of the unknowns' covariance (u, u).
+        squares: Sum of the squares of the centers' sensitivities (u, u).
+        fixed: What a fix would remove, F root (2, u).
+    """
+    shares, ways = np.linalg.svd(fixed, full_matrices=False)[1:]
+    removed = ways.T * (1.0 - np.sqrt(np.maximum(1.0 - shares**2, 0.0)))
+
+    def kept(v: Array) -> Array:
+        """(I - fixed' fixed)^(1/2) v."""
+        return np.asarray(v - removed @ (ways @ v))
+
+    def seen(v: Array) -> Array:
+        return kept(root.T @ (squares @ (root @ kept(v))))
+
+    size = len(root)
+    try:
+        found = eigsh(LinearOperator((size, size), matvec=seen, dtype=float), MODES, v0=np.ones(size))
+    except ArpackError:  # as if no center depends on an unknown
+        found = eigh(seen(np.eye(size)), subset_by_index=(size - MODES, size - 1))
+    return np.asarray(root @ kept(found[1][:, ::-1]))

@@ -250,7 +250,7 @@ class TeamPositions:
     """Positions of points (n) on the tracks of several vehicles, as `TrackPositions` but all at once.
 
     A row holds what belongs to its point. Rows of vehicles with fewer knots are padded with zeros; padded unknowns have
-    the number `size`, and the value 0.
+    the number `size`, and the value 0. The last result is cached, as that of `TrackPositions`.
     """
 
     def __init__(self, parts: Sequence[tuple[NDArray[np.int64], TrackPositions]], size: int) -> None:
@@ -274,9 +274,13 @@ class TeamPositions:
             self.unknowns[rows, : STATIC + n] = begin + np.arange(STATIC + n)
             self.unknowns[rows, STATIC + knots : STATIC + knots + 2 * n] = begin + STATIC + n + np.arange(2 * n)
         self._turn, self._way, self._scale = np.zeros((count, 2, 2)), np.zeros((count, 2)), np.zeros(count)
+        self._cached_for, self._positions = b"", np.zeros((count, 2))
 
     def positions(self, theta: Array) -> Array:
-        """Positions (n, 2) for the team's unknowns `theta` (size,)."""
+        """Positions (n, 2) for the team's unknowns `theta` (size,); read-only."""
+        key = theta.tobytes()
+        if key == self._cached_for:
+            return self._positions
         own = np.append(theta, 0.0)[self.unknowns]
         knots = self._ramps.shape[1]
         headings, walk = own[:, STATIC : STATIC + knots], own[:, STATIC + knots :].reshape(-1, knots, 2)
@@ -286,7 +290,9 @@ class TeamPositions:
         way = self._raw_way_m - own[:, 3:4] * self._sin_m - own[:, 4:5] * self._cos_m
         way -= (headings[:, None] @ self._walk_m)[:, 0]
         self._way = (self._turn @ way[:, :, None])[:, :, 0]
-        return np.asarray(self._start_m - own[:, :2] + self._way + (self._ramps[:, None] @ walk)[:, 0])
+        self._positions = self._start_m - own[:, :2] + self._way + (self._ramps[:, None] @ walk)[:, 0]
+        self._cached_for = key
+        return self._positions
 
     def derivatives_along(self, theta: Array, toward: Array) -> Array:
         """Derivatives (n, u) of the positions along directions (n, 2), with respect to `unknowns` (n, u)."""

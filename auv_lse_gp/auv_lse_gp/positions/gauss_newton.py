@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 
+from auv_lse_gp.positions.elimination import Elimination
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel
 from auv_lse_gp.positions.measurements import Fixes, Ranges, within_gate
 from auv_lse_gp.positions.terrain_matching import TerrainLikelihood
@@ -100,12 +101,12 @@ def solve(
         terrain_steps: Maximum number of steps with the terrain.
     """
     precision = model.prior_std() ** -2.0
-    search = _Search(precision, fixes, ranges)
+    search = _Search(precision, fixes, ranges, _elimination(model, fixes, ranges))
     theta = search.run(start, Huber(), STEPS)
     given = len(fixes)
     while (wrong := _find_contradicted(model, fixes, search, theta, len(ranges))) is not None:
         fixes = fixes.without(wrong)
-        search = _Search(precision, fixes, ranges)
+        search = _Search(precision, fixes, ranges, _elimination(model, fixes, ranges))
         theta = search.run(np.zeros_like(theta), Huber(), STEPS)
     kept = within_gate(ranges.residuals(theta))
     loss = Gated(kept)
@@ -115,6 +116,11 @@ def solve(
         theta, information = _with_terrain(search, terrain, theta, loss, information, terrain_steps)
     covariance = _inverse(information)
     return Solution(theta, 0.5 * (covariance + covariance.T), int((~kept).sum()) + given - len(fixes))
+
+
+def _elimination(model: TeamErrorModel, fixes: Fixes, ranges: Ranges) -> Elimination | None:
+    """How a large team's unknowns are eliminated; None: all are solved for together."""
+    return Elimination.of(model, fixes, ranges) if model.size > MANY_UNKNOWNS else None
 
 
 def _inverse(information: Array) -> Array:
@@ -136,11 +142,12 @@ def _find_contradicted(model: TeamErrorModel, fixes: Fixes, search: _Search, the
     if not len(fixes):
         return None
     information, cost = search.normal(theta, Huber())[1], search.cost(theta, Huber())
-    rows, off = fixes.derivatives(theta).reshape(-1, 2, model.size), fixes.residuals(theta).reshape(-1, 2)
-    factor, before = cho_factor(information, lower=True), model.prior_std() ** 2
+    derivatives, off = fixes.derivatives(theta), fixes.residuals(theta).reshape(-1, 2)
+    solved = cho_solve(cho_factor(information, lower=True), derivatives.T).T.reshape(-1, 2, model.size)
+    rows, before = derivatives.reshape(-1, 2, model.size), model.prior_std() ** 2
     worst, found = 1.0, None
     for i, (row, e) in enumerate(zip(rows, off, strict=True)):
-        p = row @ cho_solve(factor, row.T)
+        p = row @ solved[i].T
         rest = np.linalg.solve(np.eye(2) - p, np.column_stack([p, e]))  # (I - P)^-1 P, and (I - P)^-1 e
         known = float(np.trace(rest[:, :2])) / max(float(np.einsum("du,u,du->", row, before, row)), 1e-12)
         away_m = float(np.linalg.norm(rest[:, 2])) * fixes.std_m(i)
@@ -153,10 +160,10 @@ def _find_contradicted(model: TeamErrorModel, fixes: Fixes, search: _Search, the
 
 
 class _Search:
-    """The fast part of the problem: prior, fixes and ranges."""
+    """The fast part of the problem: prior, fixes and ranges; `elimination`: faster steps of a large team."""
 
-    def __init__(self, precision: Array, fixes: Fixes, ranges: Ranges) -> None:
-        self.precision, self._fixes, self._ranges = precision, fixes, ranges
+    def __init__(self, precision: Array, fixes: Fixes, ranges: Ranges, elimination: Elimination | None = None) -> None:
+        self.precision, self._fixes, self._ranges, self._elimination = precision, fixes, ranges, elimination
         self._scale = precision**-0.5
         self._last: tuple[Array, Loss, tuple[Array, Array]] | None = None
 
@@ -171,14 +178,30 @@ class _Search:
             self._last = theta.copy(), loss, self._linearize(theta, loss)
         return self._last[2]
 
+    def _step(self, theta: Array, loss: Loss) -> Array:
+        """A Gauss-Newton step (u,) from `theta`."""
+        if self._elimination is not None:
+            rows, gradient = self._weighted_rows(theta, loss)
+            return self._elimination.step(rows, gradient)
+        gradient, information = self.normal(theta, loss)
+        return np.asarray(cho_solve(cho_factor(information, lower=True), gradient))
+
+    def _weighted_rows(self, theta: Array, loss: Loss) -> tuple[Array, Array]:
+        """Whitened derivatives (m, u) of fixes and ranges, times the roots of their weights, and the gradient (u,)."""
+        ranged = self._ranges.residuals(theta)
+        root = np.sqrt(loss.weights(ranged))
+        rows = np.concatenate([self._fixes.derivatives(theta), self._ranges.derivatives(theta) * root[:, None]])
+        right = np.concatenate([self._fixes.residuals(theta), ranged * root])
+        return rows, -self.precision * theta + rows.T @ right
+
     def _linearize(self, theta: Array, loss: Loss) -> tuple[Array, Array]:
+        if len(theta) > MANY_UNKNOWNS:
+            rows, gradient = self._weighted_rows(theta, loss)
+            if self._elimination is not None:
+                return gradient, self._elimination.information(rows)
+            return gradient, rows.T @ rows + np.diag(self.precision)
         fixed, fixed_rows = self._fixes.residuals(theta), self._fixes.derivatives(theta)
         ranged, range_rows = self._ranges.residuals(theta), self._ranges.derivatives(theta)
-        if len(theta) > MANY_UNKNOWNS:
-            root = np.sqrt(loss.weights(ranged))
-            rows = np.concatenate([fixed_rows, range_rows * root[:, None]])
-            gradient = -self.precision * theta + rows.T @ np.concatenate([fixed, ranged * root])
-            return gradient, rows.T @ rows + np.diag(self.precision)
         weighted = range_rows * loss.weights(ranged)[:, None]
         gradient = -self.precision * theta + fixed_rows.T @ fixed + weighted.T @ ranged
         information = fixed_rows.T @ fixed_rows + weighted.T @ range_rows
@@ -193,8 +216,7 @@ class _Search:
         """Minimizes the cost from `start`."""
         theta, cost = start, self.cost(start, loss)
         for _ in range(steps):
-            gradient, information = self.normal(theta, loss)
-            step = cho_solve(cho_factor(information, lower=True), gradient)
+            step = self._step(theta, loss)
             for _ in range(_HALVINGS):
                 moved = self.cost(theta + step, loss)
                 if moved <= cost:

@@ -86,6 +86,11 @@ class Fixes:
         """Number of fixes."""
         return len(self._rows)
 
+    @property
+    def vehicles(self) -> NDArray[np.int64]:
+        """The vehicle of each fix (n,), in the order of the residuals."""
+        return np.array([row.vehicle for row in self._rows], dtype=np.int64)
+
     def std_m(self, number: int) -> float:
         """Standard deviation of fix `number`, in the order of the residuals (m)."""
         return self._rows[number].std_m
@@ -137,6 +142,16 @@ class Ranges:
     def __len__(self) -> int:
         """Number of ranges."""
         return len(self._rows)
+
+    @property
+    def senders(self) -> NDArray[np.int64]:
+        """The sender of each range (m,), in the order of the residuals."""
+        return np.array([row.sender for row in self._rows], dtype=np.int64)
+
+    @property
+    def receivers(self) -> set[int]:
+        """The vehicles that have received a range."""
+        return {row.receiver for row in self._rows}
 
     def plausible(self) -> Ranges:
         """The ranges between known parts of tracks that the prior can explain."""
