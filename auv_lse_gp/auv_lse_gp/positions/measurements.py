@@ -259,7 +259,7 @@ class _RangesTogether:
         for clock, sign, late in zip(self._clock, self._sign, self._late, strict=True):
             out[row, clock] += sign
             out[row, clock + 1] += sign * late
-        return np.ascontiguousarray(out[:, : self._size]) / self._std_m
+        return np.asarray(out[:, : self._size] / self._std_m)
 
 
 def _group(row: RangeMeasurement) -> tuple[int, int, bool]:
