@@ -5,10 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from _typeshed import SupportsWrite
+from typing import Any
 
 
 def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Namespace:
@@ -31,7 +28,7 @@ def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Na
     return options
 
 
-def _print_message(message: str, file: SupportsWrite[str] | None = None) -> None:
+def _print_message(message: str, file: Any = None) -> None:
     """Prints help or an error; argparse's own drops help that cannot be written."""
     print(message, end="", file=sys.stderr if file is None else file)
 

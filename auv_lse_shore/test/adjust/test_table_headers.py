@@ -205,3 +205,11 @@ def test_fields_behind_the_last_name_of_a_table_with_blanks_are_not_used(tmp_pat
 def test_values_that_look_like_others_are_no_reason_to_refuse_a_table_with_blanks(tmp_path, header, cells):
     data = lines(header, lambda t, a, o, d: cells.format(t=t, a=a, o=o, d=d, u=t % 10, c=utc(t, "%H:%M:%S")))
     checked(gathered(tmp_path, data), starts=None)
+
+
+@pytest.mark.parametrize(("shift_deg", "other"), [(0.0, True), (100.0, False)])
+def test_a_proposal_has_both_orders_of_latitude_and_longitude_that_the_values_allow(tmp_path, shift_deg, other):
+    data = lines("", lambda t, a, o, d: f"{a:.8f} {o + shift_deg:.8f} {-d:.3f}").lstrip("\n")
+    with pytest.raises(LogError, match=r"look like: --columns lat,lon,elevation") as raised:
+        gathered(tmp_path, data)
+    assert (", or lon,lat,elevation if longitude comes first" in str(raised.value)) == other

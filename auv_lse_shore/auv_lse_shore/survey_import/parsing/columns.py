@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.length_units import METRES, UNIT_NAMES, factor_of
-from auv_lse_shore.survey_import.parsing.dialect import Dialect, fields_of, is_number, rows_across
+from auv_lse_shore.survey_import.parsing.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
 from auv_lse_shore.survey_import.parsing.proposal import proposal
 from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE
 from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS
@@ -336,7 +336,7 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     if not dialect.header and not names and guess == _DEEPER:
         return named_columns(guess)
     if is_complete(named_columns(guess)):
-        cure = f"By their values they look like: --columns {','.join(guess)}"
+        cure = f"By their values they look like: --columns {','.join(guess)}{_or_swapped(dialect, guess, text)}"
     elif _has_positions(dialect.sample):
         cure = "Latitude and longitude are in one cell: write them into columns lat and lon"
     else:
@@ -377,6 +377,18 @@ def _numbers(columns: dict[str, Column]) -> set[int]:
     """The numbers of the columns of positions and depths."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     return {columns[role].number for role in (*position, depth_role(columns))}
+
+
+def _or_swapped(dialect: Dialect, guess: list[str], text: str) -> str:
+    """The other order of latitude and longitude, if there is no header and the values allow both."""
+    if dialect.header or not {"lat", "lon"} <= {*guess}:
+        return ""
+    rows = [row for row in rows_across(text, dialect) if len(row) == dialect.width]
+    angles = [numbers_of([row[guess.index(name)] for row in rows], dialect.decimal_comma) for name in ("lat", "lon")]
+    if max(np.nanmax(np.abs(angle)) for angle in angles) > 90.0:
+        return ""
+    swap = {"lat": "lon", "lon": "lat"}
+    return f", or {','.join(swap.get(name, name) for name in guess)} if longitude comes first"
 
 
 def _has_positions(rows: Sequence[Sequence[str]]) -> bool:
