@@ -64,7 +64,7 @@ def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) 
     ("given", "named"),
     [
         ((), r"area\.raster_m: 2\.0 m needs .* at least 4\.5 m"),
-        (("area.raster_m=20",), r"gp\.map_resolution_m: cells of 5\.0 m .* at least 14\.2 m"),
+        (("area.raster_m=20",), r"gp\.map_resolution_m: cells of 5\.0 m .* at least 20 m"),
         (
             ("area.raster_m=20", "gp.map_resolution_m=20", "planner.map_spacing_m=5"),
             r"planner\.map_spacing_m: cells of",
