@@ -35,6 +35,8 @@ Mask = NDArray[np.bool_]
 BIN_M, BIN_SHARE, HEADINGS = 4.0, 0.2, 72
 #: Clearance of the loops' centers in open water / a turning loop's reach.
 OPEN = 1.25
+#: Loops to the other side count if their reach is at most this multiple of the tightest one's.
+LOOPS_ALIKE = 1.1
 #: Layers of the flood before the first check whether everything is reached, and their growth from check to check: in a
 #: large area a check takes longer than many layers.
 FIRST_CHECK, CHECK_GROWTH = 8, 1.5
@@ -124,10 +126,13 @@ def node_at(space, north, east):
 
 @compiled
 def water_of(space, open_water, heading, north, east):
-    """Number of the open water that has the center of one of a state's turning loops, 0 if none has."""
+    """Number of the open water that has the center of one of a state's tightest turning loops, 0 if none has."""
+    least = min(space.loops[0, 2], space.loops[1, 2])
     cos_h, sin_h = math.cos(heading), math.sin(heading)
     water = 0
     for side in range(2):
+        if space.loops[side, 2] > LOOPS_ALIKE * least:
+            continue
         ahead, starboard = space.loops[side, 0], space.loops[side, 1]
         row, column = node_at(
             space, north + cos_h * ahead - sin_h * starboard, east + sin_h * ahead + cos_h * starboard
@@ -264,13 +269,14 @@ def _at_rim(space: FreeSpace, opened: Mask, narrow: Mask, headings: Array) -> Ar
     centers = np.repeat(np.array([space.north0_m, space.east0_m]) + space.cell_m * nodes, len(headings), axis=0)
     heading = np.tile(headings, len(nodes))
     cos_h, sin_h = np.cos(heading), np.sin(heading)
+    tightest = space.motion.loops_m[space.motion.loops_m[:, 2] <= LOOPS_ALIKE * _reach_m(space)]
     return np.concatenate([
         np.column_stack([
             heading,
             centers[:, 0] - cos_h * ahead + sin_h * starboard,
             centers[:, 1] - sin_h * ahead - cos_h * starboard,
         ])
-        for ahead, starboard, _ in space.motion.loops_m
+        for ahead, starboard, _ in tightest
     ])  # fmt: skip
 
 

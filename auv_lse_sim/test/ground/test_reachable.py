@@ -67,3 +67,10 @@ def test_short_legs_and_a_large_area_leave_nothing_out(turn_radius_m, corner_m):
     area = OperatingArea(AreaConfig(polygon_m=polygon, margin_m=turn_radius_m / 1.5, raster_m=raster_m))
     space = FreeSpace(area, MotionTable(MotionConfig(turn_radius_m=turn_radius_m)), raster_m)
     assert not unreached_parts(space, np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("actions_deg", [(-5.0, 0.0, 90.0), (-90.0, 0.0, 5.0), (0.0, 10.0, 90.0)])
+def test_a_wide_loop_to_the_other_side_does_not_lead_through_a_gate(actions_deg):
+    basins = tuple(4.0 * x for x in two_basins(10.0, 20.0))
+    (part,) = parts_of(basins, ((0.0, 240.0, 240.0),), motion=MotionConfig(actions_deg=actions_deg))
+    assert part.area_m2 == pytest.approx(600.0 * 600.0, rel=0.08)
