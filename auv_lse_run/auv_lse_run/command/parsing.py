@@ -21,6 +21,7 @@ def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Na
     """
     for each in _parsers(parser):
         name_numbers(each)
+        # argparse has no other way in: parsers come from the verbs, and add_subparsers makes more of the same class.
         each._print_message = _print_message  # type: ignore[method-assign]
     options, unknown = parser.parse_known_args(words)
     if unknown:  # argparse would print the usage of the outermost parser

@@ -21,12 +21,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.support.compiled import compiled
-from auv_lse_planner.paths.free_space import (
-    FreeSpace,
-    end_of_leg,
-    escape_action,
-    is_feasible,
-)
+from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_action, is_feasible
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: Lines from which the dialect is found.
 SAMPLE = 200
+#: Largest number of rows from the whole table.
+_ROWS_ACROSS = 2000
 _DELIMITERS = (",", ";", "\t", "|", " ")
 #: Signs of comments; numbers behind a star are a row that is marked.
 _COMMENT = re.compile(r"#+|//|%+|!|'|;;|\*+(?!\s*[-+.]?\d)")
@@ -158,9 +160,9 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
     )
 
 
-def rows_across(text: str, dialect: Dialect, most: int = 2000) -> list[list[str]]:
+def rows_across(text: str, dialect: Dialect) -> list[list[str]]:
     """Rows of values from the whole table: its beginning may be without positions."""
-    step = max(len(text) // most, 1)
+    step = max(len(text) // _ROWS_ACROSS, 1)
     starts = sorted({text.find("\n", at) + 1 for at in range(0, len(text), step)} - {0})
     lines = [text[start : start + _LONGEST].split("\n", 1)[0] for start in starts]
     lines = [line for line in lines if _may_hold_values(line)]
