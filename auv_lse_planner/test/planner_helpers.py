@@ -15,8 +15,6 @@ from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_planner.methods.method import PlanningContext
-from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import (
     FreeSpace,
     clearance_at,
@@ -69,22 +67,6 @@ def search_problem(state, rng, step=0, naive_paths=(), **planner) -> SearchProbl
     config = PlannerConfig(**{"method": "augmented", **planner}).complete()
     return SearchProblem(
         planner=config, step=step, state=state, horizon=config.horizon, naive_paths=tuple(naive_paths), rng=rng
-    )
-
-
-def context(roll, space, posterior, rng, grid) -> PlanningContext:
-    """What the methods of vehicle 1 of 2 share."""
-    team = Team(1, 2, 15.7, 600.0, roll.follow)
-    return PlanningContext(
-        vehicle=1,
-        settings=settings(vehicles=2, steps=roll.steps),
-        space=space,
-        rollout=roll,
-        posterior=posterior,
-        team=team,
-        map_grid=grid,
-        coarse_grid=grid,
-        rng=rng,
     )
 
 

@@ -41,6 +41,16 @@ class Grid:
         rows, columns = np.nonzero(self.inside)
         return np.column_stack([self.north_m[rows], self.east_m[columns]])
 
+    def within(self, middle_m: Array, radius_m: float) -> Grid:
+        """The part of the grid with the cells inside the area and within a circle; all of it if there are none."""
+        near = (self.north_m[:, None] - middle_m[0]) ** 2 + (self.east_m - middle_m[1]) ** 2 <= radius_m**2
+        near &= self.inside
+        rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return self
+        row, column = (slice(used[0], used[-1] + 1) for used in (rows, columns))
+        return Grid(self.north_m[row], self.east_m[column], near[row, column], self.resolution_m)
+
     def fill(self, values: Array, outside: float = math.nan) -> Array:
         """Arranges values (P,) of the cells inside the area in an array (ny, nx); other cells get `outside`."""
         full = np.full(self.inside.shape, outside)

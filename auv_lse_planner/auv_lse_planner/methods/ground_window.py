@@ -1,11 +1,11 @@
-"""The part of the map that a long mission plans with: the cells near its next legs, and the data near these cells.
+"""The part of the map that is planned with.
 
-A short mission plans with the whole map. In a long one, the cost of a decision would grow with the area and with the
-number of soundings. The window is therefore *focused* on the path of the next legs, and refocused every few
-legs. Its *cells* are those near the path whose risk can still fall; ground that is surveyed and certain is *settled*.
-The posterior holds the centers near these cells, averaged if they are not close. It is conditioned on new centers only
-when plans are evaluated (`update`). Elsewhere, risk and mean are updated when the window is focused, tile by tile,
-where centers were added or removed.
+In a large area, the map is *limited* to the cells that the remaining legs can reach. A short mission plans with all of
+them. In a long one, the cost of a decision would grow with their number and with the number of soundings. The window is
+therefore *focused* on the path of the next legs, and refocused every few legs. Its *cells* are those near the path
+whose risk can still fall; ground that is surveyed and certain is *settled*. The posterior holds the centers near these
+cells, averaged if they are not close. It is conditioned on new centers only when plans are evaluated (`update`).
+Elsewhere, risk and mean are updated when the window is focused, tile by tile, where centers were added or removed.
 """
 
 from __future__ import annotations
@@ -26,6 +26,11 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+#: A map of at most so many cells is not limited: it would save nothing.
+MANY_CELLS = 5000
+#: Cells are within reach up to this far from the legs, in length scales of the kernel; after a drift, at least the
+#: second figure.
+REACH_SCALES, LEAST_REACH_SCALES = 3.0, 2.0
 #: Cells of the window lie at most this far from its path, in length scales of the kernel.
 CELLS_SCALES = 1.5
 #: Ground is settled if its risk, relative to the largest possible, is at most this, and a center is at most this far
@@ -48,6 +53,7 @@ class GroundWindow:
     """The posterior at the cells near a path; before the first `focus`, at all cells.
 
     Attributes:
+        grid: The map's cells; after `limit`, those within reach.
         posterior: The posterior given the centers near the cells.
         is_focused: Whether it covers only a part of the map.
         elsewhere_risk: Risk of the map's other cells when the window was focused.
@@ -60,30 +66,34 @@ class GroundWindow:
         self, posterior: Posterior, gp: GpConfig, level_set: LevelSetConfig, map_grid: Grid, coarse_grid: Grid
     ) -> None:
         self.posterior = posterior
-        self.is_focused = False
-        self.elsewhere_risk = 0.0
         self.refused = ""
         self.most_centers: int | None = None
         self._scale_m = max(gp.length_scale_m, gp.length_scale_2_m)
         self._levels = LevelSet.of(level_set)
-        self._grid, self._coarse_grid = map_grid, coarse_grid
+        self._whole = map_grid, coarse_grid
+        self._reach: tuple[Array, float] | None = None  # middle (2,) and radius (m) of the cells within reach
         self._centers = NO_CENTERS
         self._is_current = True  # whether the posterior holds `_centers`
-        self._covered = map_grid.inside.copy()  # cells near the path, settled or not
-        self._far_m = np.zeros(map_grid.inside.shape)  # of each cell from the window's cells
+        self._take_grids(map_grid, coarse_grid)
+
+    def _take_grids(self, grid: Grid, coarse_grid: Grid) -> None:
+        self.grid, self._coarse_grid = grid, coarse_grid
+        self.is_focused, self.elsewhere_risk = False, 0.0
+        self._covered = grid.inside.copy()  # cells near the path, settled or not
+        self._far_m = np.zeros(grid.inside.shape)  # of each cell from the window's cells
         self._fine: CachedPoints | None = None
         self._coarse: CachedPoints | None = None
         self._cells: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # numbers of the window's cells
         self._risk: Array = np.zeros(0)  # of all cells when they were last updated; empty before the first focus
         self._mean_m: Array = np.zeros(0)  # likewise
-        self._count = np.zeros(map_grid.inside.shape)  # centers in each cell then
+        self._count = np.zeros(grid.inside.shape)  # centers in each cell then
 
     @property
     def fine(self) -> CachedPoints:
         """The posterior at the window's cells."""
         self.update()
         if self._fine is None:
-            self._fine = CachedPoints(self.posterior, self._grid.locations_m)
+            self._fine = CachedPoints(self.posterior, self.grid.locations_m)
         return self._fine
 
     @property
@@ -99,6 +109,29 @@ class GroundWindow:
         """All centers of the map."""
         return self._centers
 
+    def limit(self, middle_m: Array, legs_m: float) -> bool:
+        """Limits a large map to the cells within reach of legs of a total length from a location (2,).
+
+        Cells that they cannot measure have no part in the choice between paths. Later legs of the same mission reach no
+        others, unless the vehicle drifted: then the map is limited anew.
+
+        Returns:
+            Whether the map's cells changed.
+        """
+        if np.count_nonzero(self._whole[0].inside) <= MANY_CELLS:
+            return False
+        if self._reach is not None:
+            off_m = float(np.hypot(*(middle_m - self._reach[0])))
+            if off_m + legs_m + LEAST_REACH_SCALES * self._scale_m <= self._reach[1]:
+                return False
+        self._reach = np.array(middle_m), legs_m + REACH_SCALES * self._scale_m
+        grid, coarse_grid = (each.within(*self._reach) for each in self._whole)
+        if grid.inside.shape == self.grid.inside.shape and np.array_equal(grid.locations_m, self.grid.locations_m):
+            return False
+        self._take_grids(grid, coarse_grid)
+        self._is_current = False
+        return True
+
     def set_centers(self, centers: Centers) -> None:
         """Sets all centers of the map. A focused window's posterior takes them at the next `update`."""
         self._centers, self._is_current = centers, False
@@ -112,9 +145,12 @@ class GroundWindow:
 
     def near(self, locations_m: Array) -> Mask:
         """Mask (P,) of the locations (P, 2) that are near enough to change the window's cells."""
-        if not self.is_focused:
+        if self.is_focused:
+            return self._far_at(locations_m) <= LOCATIONS_SCALES * self._scale_m
+        if self._reach is None:
             return np.ones(len(locations_m), dtype=bool)
-        return self._far_at(locations_m) <= LOCATIONS_SCALES * self._scale_m
+        off_m = np.hypot(*(locations_m - self._reach[0]).T)
+        return np.asarray(off_m <= self._reach[1] + LOCATIONS_SCALES * self._scale_m)
 
     def covers(self, locations_m: Array) -> Mask:
         """Mask (P,) of the locations (P, 2) near the path, on settled ground too."""
@@ -125,7 +161,7 @@ class GroundWindow:
         focus."""
         if not self.is_focused:
             return self.posterior.mean_m(locations_m)
-        field = self._grid.fill(self._mean_m)
+        field = self.grid.fill(self._mean_m)
         mean_m, settled = field[self._index(locations_m)], self._far_at(locations_m) > 0.0
         mean_m[~settled] = self.posterior.mean_m(locations_m[~settled])
         return mean_m
@@ -148,7 +184,7 @@ class GroundWindow:
 
     def focus(self, path_m: Array) -> None:
         """Focuses the window on a path (P, 2)."""
-        grid = self._grid
+        grid = self.grid
         self._update_map()
         self._covered = self._near(path_m, CELLS_SCALES) & grid.inside
         surveyed = self._near(self._centers.locations_m, SETTLED_SCALES)
@@ -170,7 +206,7 @@ class GroundWindow:
         if self.is_focused:
             self.is_focused, self.elsewhere_risk, self.most_centers = False, 0.0, None
             self._fine = self._coarse = None
-            self._covered, self._far_m = self._grid.inside.copy(), np.zeros(self._grid.inside.shape)
+            self._covered, self._far_m = self.grid.inside.copy(), np.zeros(self.grid.inside.shape)
             self._follow()
 
     def _follow(self) -> None:
@@ -209,7 +245,7 @@ class GroundWindow:
 
     def _update_map(self) -> None:
         """Updates risk and mean of all cells near which centers were added or removed."""
-        grid, everywhere = self._grid, self._grid.locations_m
+        grid, everywhere = self.grid, self.grid.locations_m
         count = np.zeros(grid.inside.shape)
         np.add.at(count, self._index(self._centers.locations_m), 1.0)
         if not len(self._risk):
@@ -231,20 +267,20 @@ class GroundWindow:
         """Sets risk and mean of some cells given the centers near them."""
         local = self.posterior.blank()
         local.follow(centers)
-        mean_m, variance_m2 = local.moments(self._grid.locations_m[cells])
+        mean_m, variance_m2 = local.moments(self.grid.locations_m[cells])
         self._mean_m[cells], self._risk[cells] = mean_m, self._levels.risk(mean_m, np.sqrt(variance_m2))
 
     def _near(self, locations_m: Array, scales: float) -> Mask:
         """Mask (ny, nx) of the cells within a number of length scales of locations (P, 2)."""
-        off = np.ones(self._grid.inside.shape, dtype=bool)
+        off = np.ones(self.grid.inside.shape, dtype=bool)
         off[self._index(locations_m)] = False
         if off.all():
             return np.zeros_like(off)
-        return np.asarray(distance_transform_edt(off) * self._grid.resolution_m <= scales * self._scale_m)
+        return np.asarray(distance_transform_edt(off) * self.grid.resolution_m <= scales * self._scale_m)
 
     def _index(self, locations_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows and columns of the cells nearest to locations (P, 2)."""
-        grid = self._grid
+        grid = self.grid
         row = np.rint((locations_m[:, 0] - grid.north_m[0]) / grid.resolution_m).astype(np.int64)
         column = np.rint((locations_m[:, 1] - grid.east_m[0]) / grid.resolution_m).astype(np.int64)
         return np.clip(row, 0, len(grid.north_m) - 1), np.clip(column, 0, len(grid.east_m) - 1)

@@ -59,11 +59,6 @@ class LineRoutes:
 
     def __init__(self, context: PlanningContext) -> None:
         self._context = context
-        inside = context.map_grid.inside
-        every = max(1, int(np.ceil(np.sqrt(np.count_nonzero(inside) / MAX_DRAWN))))
-        chosen = np.zeros_like(inside)
-        chosen[every // 2 :: every, every // 2 :: every] = True
-        self._every, self._chosen = every, chosen & inside
 
     def routes(self, points: CachedPoints, state: Array, legs: int, mates_m: Array) -> list[Route]:
         """Routes of at most `legs` legs from a state (3,): along the mean's contours first, then along each draw's.
@@ -88,7 +83,11 @@ class LineRoutes:
     def _deviations(self, points: CachedPoints) -> list[Array]:
         """Draws' deviations from the mean, in standard deviations, on the map's grid (ny, nx)."""
         context, grid = self._context, self._context.map_grid
-        chosen = self._chosen[grid.inside]
+        every = max(1, int(np.ceil(np.sqrt(np.count_nonzero(grid.inside) / MAX_DRAWN))))
+        inner = grid.inside[every // 2 :: every, every // 2 :: every]
+        apart = np.zeros_like(grid.inside)
+        apart[every // 2 :: every, every // 2 :: every] = True
+        chosen = apart[grid.inside]
         if not chosen.any():
             return []
         now = points.current()
@@ -98,10 +97,8 @@ class LineRoutes:
         correlation = covariance / np.outer(std, std)
         correlation[np.diag_indices_from(correlation)] = 1.0 + 1e-3
         drawn = np.linalg.cholesky(correlation) @ context.rng.standard_normal((len(std), DRAWS))
-        every, shape = self._every, grid.inside.shape
-        inner = self._chosen[every // 2 :: every, every // 2 :: every]
         nearest = ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True)
-        rows, columns = ((np.arange(size) - every // 2) / every for size in shape)
+        rows, columns = ((np.arange(size) - every // 2) / every for size in grid.inside.shape)
         at = np.meshgrid(rows, columns, indexing="ij")
         fields = []
         for column in drawn.T:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -68,27 +67,27 @@ class PlanningContext:
     Attributes:
         vehicle: Number of the vehicle, from 1.
         horizon: The step that paths are planned to.
-        posterior: The map. A method that needs planned locations copies it (`with_planned`).
-        map_grid: Locations over which the map's risk is summed.
-        coarse_grid: Locations over which it is summed for its gradient.
+        window: The part of the map that is planned with.
     """
 
     vehicle: int
     settings: PlannerSettings
     space: FreeSpace
     rollout: Rollout
-    posterior: Posterior
+    window: GroundWindow
     team: Team
     horizon: Horizon
-    map_grid: Grid
-    coarse_grid: Grid
     rng: np.random.Generator
 
-    @cached_property
-    def window(self) -> GroundWindow:
-        """The part of the map that is planned with: all of it, or the ground near the next legs of a long mission."""
-        s = self.settings
-        return GroundWindow(self.posterior, s.gp, s.level_set, self.map_grid, self.coarse_grid)
+    @property
+    def posterior(self) -> Posterior:
+        """The map. A method that needs planned locations copies it (`with_planned`)."""
+        return self.window.posterior
+
+    @property
+    def map_grid(self) -> Grid:
+        """Locations over which the map's risk is summed."""
+        return self.window.grid
 
     def assume_plans(self, situation: Situation) -> None:
         """Assumes that team mates without a received plan mow, from the first call on."""

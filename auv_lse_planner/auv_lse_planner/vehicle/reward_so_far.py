@@ -19,8 +19,12 @@ class RewardSoFar:
         if math.isnan(risk):
             return
         if math.isnan(self._risk_at_start):
-            self._risk_at_start = risk
+            self._risk_at_start = risk + self.value
         self.value = self._risk_at_start - risk
+
+    def continue_with_other_cells(self) -> None:
+        """The next risk measured is that of other cells: the reward stays, and counts drops from there on."""
+        self._risk_at_start = math.nan
 
     def add(self, reward: float) -> None:
         """Adds the expected reward of a leg."""

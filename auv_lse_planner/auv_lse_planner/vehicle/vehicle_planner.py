@@ -43,6 +43,7 @@ from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.decision import BoundRecord, Decision, Statistics
 from auv_lse_planner.methods.families import CLASSES
+from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.methods.method import Choice, Followed, Method, PlanningContext, Situation
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -104,16 +105,16 @@ class VehiclePlanner:
         self.until = Until(settings, area, self.team.others)
         self.plans_refused = 0
         self.records: list[BoundRecord] = []
+        map_grid = area.grid(self.planner.map_spacing_m, "planner.map_spacing_m")
+        coarse_grid = area.grid(max(COARSE_M, self.planner.map_spacing_m, area.finest_cell_m))
         self._context = PlanningContext(
             vehicle=vehicle,
             settings=settings,
             space=self.space,
             rollout=self.rollout,
-            posterior=self.posterior,
+            window=GroundWindow(self.posterior, settings.gp, settings.level_set, map_grid, coarse_grid),
             team=self.team,
             horizon=self.until.horizon,
-            map_grid=area.grid(self.planner.map_spacing_m, "planner.map_spacing_m"),
-            coarse_grid=area.grid(max(COARSE_M, self.planner.map_spacing_m, area.finest_cell_m)),
             rng=rng,
         )
         self._methods: dict[str, Method] = {}  # by family, created on first use
@@ -260,6 +261,8 @@ class VehiclePlanner:
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
         self.until.begin_decision(now_s, step)
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
+        if self._context.window.limit(state[1:], (total - step) * float(self.motion.lengths_m.max())):
+            self._reward.continue_with_other_cells()
         method = self._method  # before it takes the map, whose size it may bound
         evaluates = method.evaluates(step, self.planner) or bool(last and self._surfacings.is_considered(last.path))
         self._take_centers(evaluates)

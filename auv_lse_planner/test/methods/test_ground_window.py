@@ -12,6 +12,7 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.methods import ground_window
 from auv_lse_planner.methods.ground_window import GroundWindow
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 
 SIDE_M = 1500.0
 PATH_M = np.column_stack([np.linspace(300.0, 1000.0, 120), np.full(120, 700.0)])
@@ -179,3 +180,57 @@ def test_later_centers_elsewhere_count_at_the_next_focus():
     window.release()
     assert window.posterior.data_rows == len(data)
     assert len(window.fine.locations_m) == len(grid.locations_m)
+
+
+def _reward(window, path_m, mates_m):
+    """Reward of a path without the data's first part, and its gradient's direction."""
+    mates = [(np.arange(1.0, 1.0 + len(mates_m)), mates_m[window.near(mates_m)])] if len(mates_m) else []
+    reward = AnytimeReward(window.fine, LevelSetConfig(), mates, Weighting(len(path_m), 0, 40, 1.5), window.coarse)
+    none = reward.value(np.empty((0, 1, 2)))
+    value = reward.value(path_m[:, None])
+    gradient = reward.value_and_gradient(path_m)[1]
+    return value.expected_end - none.expected_end, value.weighted - none.weighted, gradient
+
+
+@pytest.mark.parametrize(
+    "mates_m", [np.zeros((0, 2)), np.column_stack([np.linspace(150.0, 150.0, 40), np.arange(0.0, 600.0, 15.0)])]
+)
+def test_cells_out_of_reach_have_no_part_in_the_value_of_a_path(monkeypatch, mates_m):
+    data, (whole, grid), (window, _) = _lanes(3), _window(GpConfig()), _window(GpConfig())
+    start, legs_m = np.array([300.0, 500.0]), 250.0
+    monkeypatch.setattr(ground_window, "MANY_CELLS", len(grid.locations_m))
+    assert not window.limit(start, legs_m), "a map of so few cells is not limited"
+    monkeypatch.setattr(ground_window, "MANY_CELLS", len(grid.locations_m) - 1)
+    assert window.limit(start, legs_m)
+    assert len(window.grid.locations_m) < 0.4 * len(grid.locations_m)
+    for each in (whole, window):
+        each.set_centers(data)
+    assert len(window.fine.locations_m) == len(window.grid.locations_m)
+    path_m = start + np.column_stack([np.linspace(0.0, 240.0, 16), 30.0 * np.sin(np.arange(16.0))])
+    (end, weighted, gradient), (all_end, all_weighted, all_gradient) = (
+        _reward(w, path_m, mates_m) for w in (window, whole)
+    )
+    assert end == pytest.approx(all_end, rel=0.01)
+    assert weighted == pytest.approx(all_weighted, rel=0.01)
+    assert np.abs(gradient - all_gradient).max() < 0.02 * np.abs(all_gradient).max()
+
+
+def test_map_is_limited_anew_only_after_a_drift(monkeypatch):
+    monkeypatch.setattr(ground_window, "MANY_CELLS", 1000)
+    (window, grid), (small, _) = _window(GpConfig()), _window(GpConfig())
+    assert not small.limit(np.array([700.0, 700.0]), 2000.0), "the legs reach all of the map"
+    assert window.limit(np.array([200.0, 200.0]), 300.0)
+    window.set_centers(_lanes(2))
+    window.focus(PATH_M - [0.0, 400.0])
+    on_plan = np.array([350.0, 250.0])
+    assert not window.limit(on_plan, 140.0)
+    assert not window.limit(on_plan + 60.0, 140.0), "a little drift is allowed for"
+    drifted = np.array([1000.0, 900.0])
+    assert window.limit(drifted, 140.0)
+    assert not window.is_focused
+    off_m = np.hypot(*(window.grid.locations_m - drifted).T)
+    assert off_m.max() <= 140.0 + 3.0 * 85.0
+    assert len(off_m) == np.count_nonzero(np.hypot(*(grid.locations_m - drifted).T) <= 140.0 + 3.0 * 85.0)
+    window.focus(drifted + np.column_stack([np.arange(0.0, 140.0, 14.0), np.zeros(10)]))
+    assert window.limit(np.array([9000.0, 9000.0]), 140.0)
+    assert len(window.grid.locations_m) == len(grid.locations_m), "from far outside, all of the map counts"

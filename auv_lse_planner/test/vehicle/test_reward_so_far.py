@@ -35,3 +35,14 @@ def test_running_maximum_of_the_bound_may_be_negative():
     lower, largest = reward.bound(1.0)
     assert lower == largest == pytest.approx(-3.0)
     assert math.isfinite(largest)
+
+
+def test_reward_continues_when_other_cells_are_planned_with():
+    reward = RewardSoFar()
+    reward.measure(100.0)
+    reward.measure(80.0)
+    reward.continue_with_other_cells()
+    reward.measure(30.0)
+    assert reward.value == 20.0
+    reward.measure(25.0)
+    assert reward.value == 25.0

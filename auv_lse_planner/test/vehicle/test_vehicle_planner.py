@@ -587,3 +587,24 @@ def test_a_later_decision_past_its_deadline_evaluates_the_last_plan_alone(steps,
     assert decision.bound.deadline_hit
     assert decision.bound.incumbent_kept
     assert work_after[1] <= 1
+
+
+@pytest.mark.parametrize("method", ["tour", "line", "plain"])
+def test_a_restart_in_a_large_area_goes_on_with_the_cells_within_reach(method):
+    """The map is limited to them; a restarted planner and one that drifted far limit it anew, and keep the reward."""
+    side = 3000.0
+    s = settings({"method": method}, steps=12, area={"polygon_m": [0.0, 0.0, side, 0.0, side, side, 0.0, side]})
+    s = dataclasses.replace(s, vehicle=dataclasses.replace(s.vehicle, start_north_m=1500.0, start_east_m=1500.0))
+    first = VehiclePlanner(1, s, np.random.default_rng(1))
+    decisions = _fly(first, OnlineGp(s.gp), until=6)
+    assert len(first._context.map_grid.locations_m) < 0.15 * (side / 20.0) ** 2
+    again = VehiclePlanner(1, s, np.random.default_rng(1))
+    again.restore(first.snapshot())
+    again.set_centers(Centers(np.array([[1500.0, 1500.0]]), np.array([15.0]), np.array([0.3])))
+    again.odometry(500.0, 0.0, 2500.0, 700.0)
+    decision = again.decide(500.0)
+    assert decision.statistics.reanchored
+    assert np.hypot(*(again._context.map_grid.locations_m - [2500.0, 700.0]).T).max() < 450.0
+    if method != "plain":
+        assert decision.bound.reward_so_far == pytest.approx(decisions[-1].bound.reward_so_far)
+    assert decision.bound.expected_end > 0.0
