@@ -15,7 +15,8 @@ checkpoints. `expected_end` does not depend on them.
 `reward/joint.py` computes the variance left at the map's cells after each checkpoint, and the gradient of J.
 
 `value_and_gradient` returns a coarser value than `value`, and the exact gradient of that coarser value. It uses a wider
-grid, fewer checkpoints and a subset of the mates' positions, and it skips cells of negligible risk.
+grid, fewer checkpoints and a subset of the mates' positions, and it skips cells of negligible risk. In a large area,
+both leave out what a path changes far from it (`reward/near_cells.py`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +34,7 @@ from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.reward.joint import Cells, JointCovariance, Measured, Timetable
 from auv_lse_planner.reward.losses import Loss, Losses, RiskLoss
+from auv_lse_planner.reward.near_cells import FEW_CELLS, NearCells
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -303,6 +306,43 @@ class _Counted:
         total = scale * float(known.before.sum())
         return cls(cells, points.locations_m[kept], losses.take(kept), uninflated, scale, total)
 
+    def take(self, kept: Ints) -> _Counted:
+        """Some of the cells."""
+        uninflated = None if self.uninflated is None else self.uninflated.take(kept)
+        cells, losses = self.cells.take(kept), self.losses.take(kept)
+        return replace(self, cells=cells, locations_m=self.locations_m[kept], losses=losses, uninflated=uninflated)
+
+
+@dataclass(frozen=True, slots=True)
+class _NearPath:
+    """The counted cells that a path can change.
+
+    Attributes:
+        kept: Their numbers; None: all cells.
+        elsewhere: Sums of the other cells' losses after some checkpoints, given the mates' positions, (J,) or ().
+        elsewhere_at_end: The same at the last of them, without inflation.
+    """
+
+    counted: _Counted
+    kept: Ints | None
+    elsewhere: Array
+    elsewhere_at_end: float
+
+
+@dataclass(frozen=True, slots=True)
+class _ByMates:
+    """What the mates' positions alone leave: the variance of each cell after each checkpoint, and sums of its losses.
+
+    Attributes:
+        left_m2: Variance left (J, M); (1, M) without mates.
+        sums: Sums of the cells' losses, (J,) or (1,).
+        sum_at_end: The same at the end, without inflation.
+    """
+
+    left_m2: Array
+    sums: Array
+    sum_at_end: float
+
 
 class _ExpectedRiskDrop:
     """The drop of risk over one set of cells at each checkpoint, with one set of mates' positions."""
@@ -340,32 +380,38 @@ class _ExpectedRiskDrop:
         """Value of a path: J, and the drop of the risk at the mission's end without inflation."""
         if not len(locations_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return Value(0.0, 0.0)
-        left = self._joint(locations_m, legs).left(np.arange(len(self.schedule.checkpoints)))
-        risks = self._counted.losses.sums(left)
+        checkpoints = np.arange(len(self.schedule.checkpoints))
+        near = self._near(locations_m, checkpoints)
+        left = self._joint(locations_m, legs, near).left(checkpoints)
+        risks = near.counted.losses.sums(left) + near.elsewhere
         drops = -self._scale * np.diff(risks, prepend=self._before)
         end = float(drops.sum())
-        if self._counted.uninflated is not None:
-            known = self._counted.uninflated
-            end = self._scale * (float(known.before.sum()) - float(known.sums(left[-1:])[0]))
+        if near.counted.uninflated is not None and self._counted.uninflated is not None:
+            after = float(near.counted.uninflated.sums(left[-1:])[0]) + near.elsewhere_at_end
+            end = self._scale * (float(self._counted.uninflated.before.sum()) - after)
         return Value(float(self.schedule.weights @ drops), end)
 
     def weighted(self, locations_m: Array, legs: Array) -> float:
         """J of a path, without the drop at the mission's end."""
         if not len(locations_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return 0.0
-        left = self._joint(locations_m, legs).left(self.schedule.counting)
-        return self._weighted(self._counted.losses.sums(left))
+        counting = self.schedule.counting
+        near = self._near(locations_m, counting)
+        left = self._joint(locations_m, legs, near).left(counting)
+        return self._weighted(near.counted.losses.sums(left) + near.elsewhere)
 
     def weighted_and_gradient(self, locations_m: Array, legs: Array) -> tuple[float, Array]:
         """J, and its gradient with respect to this vehicle's positions (P, 2)."""
         if not len(locations_m) or not len(self.schedule.checkpoints):
             return 0.0, np.zeros_like(locations_m)
-        joint, counting = self._joint(locations_m, legs), self.schedule.counting
+        counting = self.schedule.counting
+        near = self._near(locations_m, counting)
+        joint = self._joint(locations_m, legs, near)
         left = joint.left(counting)
-        risks, slopes = self._counted.losses.sums_and_slopes(left)
+        risks, slopes = near.counted.losses.sums_and_slopes(left)
         slopes *= self._scale * self.schedule.share[counting, None]
         later = np.cumsum(slopes[::-1], axis=0)[::-1]  # of all checkpoints that include a row
-        return self._weighted(risks), joint.gradient(later, counting)
+        return self._weighted(risks + near.elsewhere), joint.gradient(later, counting)
 
     def risk_near(self, locations_m: Array) -> float:
         """Risk of the cells near locations (P, 2)."""
@@ -373,13 +419,39 @@ class _ExpectedRiskDrop:
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
         return float(self._counted.losses.before[near].sum())
 
-    def _joint(self, locations_m: Array, legs: Array) -> JointCovariance:
+    def _near(self, locations_m: Array, checkpoints: Ints) -> _NearPath:
+        """The cells near a path, and the others' losses after some checkpoints; all cells if there are few."""
+        every = self._counted
+        if len(every.locations_m) <= FEW_CELLS:
+            return _NearPath(every, None, np.zeros(()), 0.0)
+        kept, mates = self._cells_near.of(self._posterior.kernel.scale(locations_m)), self._by_mates
+        near, rows = every.take(kept), checkpoints if len(self._mates) else slice(None)
+        left_m2 = np.ascontiguousarray(mates.left_m2[rows][:, kept])
+        at_end = 0.0
+        if near.uninflated is not None:
+            at_end = mates.sum_at_end - float(near.uninflated.sums(left_m2[-1:])[0])
+        return _NearPath(near, kept, mates.sums[rows] - near.losses.sums(left_m2), at_end)
+
+    @cached_property
+    def _cells_near(self) -> NearCells:
+        return NearCells(self._posterior.kernel, self._cells.scaled)
+
+    @cached_property
+    def _by_mates(self) -> _ByMates:
+        left_m2, known = self._cells.planned_var_m2[None], self._counted.uninflated
+        if len(self._mates):
+            every = _NearPath(self._counted, None, np.zeros(()), 0.0)
+            left_m2 = self._joint(np.empty((0, 2)), np.empty(0), every).left(np.arange(len(self.schedule.checkpoints)))
+        sum_at_end = 0.0 if known is None else float(known.sums(left_m2[-1:])[0])
+        return _ByMates(left_m2, self._counted.losses.sums(left_m2), sum_at_end)
+
+    def _joint(self, locations_m: Array, legs: Array, near: _NearPath) -> JointCovariance:
         key = legs.tobytes()
         if key not in self._timetables:
             groups = self.schedule.after(legs), self._mate_groups
             self._timetables[key] = Timetable(self._posterior, self._cells, self._mates, *groups)
         own = Measured(self._posterior, self._posterior.kernel.scale(locations_m), self._cache_inverse)
-        return JointCovariance(self._posterior, self._cells, own, self._timetables[key])
+        return JointCovariance(self._posterior, near.counted.cells, own, self._timetables[key], near.kept)
 
     def _weighted(self, risks: Array) -> float:
         """J from the risks at the contributing checkpoints."""

@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ from auv_lse_planner.reward.path import not_positive_definite
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
+Real = TypeVar("Real", np.float32, np.float64)
 
 #: Number of rows of a block of a symmetric product.
 BLOCK = 64
@@ -55,6 +57,16 @@ class Cells:
     mean_m: Array
     data_var_m2: Array
     planned_var_m2: Array
+
+    def take(self, kept: Ints) -> Cells:
+        """Some of the cells."""
+        return Cells(
+            self.scaled[kept],
+            np.take(self.white, kept, axis=1),
+            self.mean_m[kept],
+            self.data_var_m2[kept],
+            self.planned_var_m2[kept],
+        )
 
     @cached_property
     def white_single(self) -> Singles:
@@ -103,7 +115,6 @@ class Timetable:
         own: Row numbers of this vehicle's positions, ascending, (P,).
         scaled: All locations in the kernel's scale, (P + Q, 2); `matrix` inserts this vehicle's.
         white: Their whitened covariance with data and planned locations, (P + Q, n).
-        spare: Scratch memory of the size of the covariance with the cells, (P + Q, M).
     """
 
     def __init__(
@@ -121,8 +132,8 @@ class Timetable:
         self.scaled[self._others], self.white[self._others] = mates.scaled, mates.white
         self._mates_cross = mates.covariance_with_cells(cells, np.empty((len(mates), count)))
         self._matrix = np.empty((total, total))
-        self._own_cross, self._cross = np.empty((len(own_groups), count)), np.empty((total, count))
-        self.spare = np.empty((total, count), dtype=np.float32)
+        self._own_cross, self._cross = np.empty(len(own_groups) * count), np.empty(total * count)
+        self._spare = np.empty(total * count, dtype=np.float32)
 
     def matrix(self, own: Measured) -> Array:
         """Lower triangle of the covariance of all measurements in time order, Fortran-ordered."""
@@ -134,20 +145,36 @@ class Timetable:
             dsyrk(-1.0, self.white.T, beta=1.0, c=matrix, trans=1, lower=1, overwrite_c=1)
         return matrix
 
-    def cross(self, own: Measured, cells: Cells) -> Array:
-        """Covariance C of all locations in time order with the cells."""
+    def cross(self, own: Measured, cells: Cells, kept: Ints | None) -> Array:
+        """Covariance C of all locations in time order with the cells, or with those of numbers `kept`."""
+        count = len(cells.mean_m)
+        cross = _begin_of(self._cross, len(self.groups), count)
         if not len(self._others):
-            return own.covariance_with_cells(cells, self._cross)
-        self._cross[self.own] = own.covariance_with_cells(cells, self._own_cross)
-        self._cross[self._others] = self._mates_cross
-        return self._cross
+            return own.covariance_with_cells(cells, cross)
+        cross[self.own] = own.covariance_with_cells(cells, _begin_of(self._own_cross, len(self.own), count))
+        cross[self._others] = self._mates_cross if kept is None else np.take(self._mates_cross, kept, axis=1)
+        return cross
+
+    def spare(self, count: int) -> Singles:
+        """Scratch memory of the size of the covariance with so many cells."""
+        return _begin_of(self._spare, len(self.groups), count)
+
+
+def _begin_of(memory: NDArray[Real], rows: int, count: int) -> NDArray[Real]:
+    """An array (rows, count) at the begin of one-dimensional memory."""
+    return memory[: rows * count].reshape(rows, count)
 
 
 class JointCovariance:
     """Conditions the cells on the positions of this vehicle and its mates in time order."""
 
-    def __init__(self, posterior: Posterior, cells: Cells, own: Measured, timetable: Timetable) -> None:
+    def __init__(
+        self, posterior: Posterior, cells: Cells, own: Measured, timetable: Timetable, kept: Ints | None = None
+    ) -> None:
         """Factorizes the covariance of the locations.
+
+        Args:
+            kept: Numbers of the cells among those of the timetable; None: the same cells.
 
         Raises:
             ValueError: if it is not positive definite.
@@ -157,7 +184,7 @@ class JointCovariance:
         self._lower, failed = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
         if failed:
             raise ValueError(not_positive_definite(len(matrix)))
-        cross = timetable.cross(own, cells).T  # Fortran-ordered: BLAS works in place
+        cross = timetable.cross(own, cells, kept).T  # Fortran-ordered: BLAS works in place
         self._reductions = dtrsm(1.0, self._lower, cross, side=1, lower=1, trans_a=1, overwrite_b=1).T  # Y
 
     def left(self, checkpoints: Ints) -> Array:
@@ -196,12 +223,13 @@ class JointCovariance:
         Single precision halves the time. The result keeps at least four digits, which is enough for a search direction.
         """
         y, lower = self._reductions.astype(np.float32), self._lower.astype(np.float32)
+        spare = self._timetable.spare(y.shape[1])
         if len(checkpoints) == 1:
             z = _solve_transposed(lower, y)
-            c_bar = np.multiply(later, z, out=self._timetable.spare)
+            c_bar = np.multiply(later, z, out=spare)
             return c_bar, -_symmetric_product(c_bar, z)
         first = np.searchsorted(checkpoints, self._timetable.groups)  # that includes a row
-        y_bar = np.take(later, first, axis=0, out=self._timetable.spare, mode="clip")
+        y_bar = np.take(later, first, axis=0, out=spare, mode="clip")
         y_bar *= y
         # Phi of the module's formula times -1/2, and Ybar without its factor 2; symmetric
         k_bar = _solve_transposed(lower, _symmetric_product(y_bar, y))
