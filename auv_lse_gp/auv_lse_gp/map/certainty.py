@@ -1,7 +1,7 @@
 """Certainty of an estimated isobath, piece by piece: found, likely, or guessed.
 
-The mean depth of a Gaussian process crosses the level everywhere, also where nothing was measured: there the line comes
-from the prior, not from the lake. The class of a location of the line follows from:
+The mean depth of a Gaussian process crosses the level also where nothing was measured: there the line comes from the
+prior, not from the lake. Where it could be anywhere, it is left out. The class of a location of the line follows from:
 
 - *Horizontal error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the standard deviation of
   the line's position across itself is s / g (m). The vehicles' own position error p (m), that of the nearest sounding,
@@ -40,8 +40,9 @@ Array = NDArray[np.float64]
 FOUND, LIKELY, GUESSED = "found", "likely", "guessed"
 CLASSES = (FOUND, LIKELY, GUESSED)
 
-#: Largest horizontal standard deviation (m) of a piece that is found, and of one that is likely.
-MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0}
+#: Largest horizontal standard deviation (m) of a piece of each class. A line that is more uncertain than the size of any
+#: lake is not even a guess: far from all soundings, a constant mean crosses the level by a millionth of a metre.
+MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0, GUESSED: 1e5}
 
 #: Least share of the variance of open ground that the soundings, and a known shore, must have removed there.
 MIN_INFORMED = {FOUND: 0.75, LIKELY: INFORMED}
@@ -138,6 +139,8 @@ def classify(
         ranks = _without_short_stretches(ranks_alone[own], locations)
         edges = np.flatnonzero(np.diff(ranks)) + 1
         for start, stop in zip([0, *edges], [*edges, len(locations)], strict=True):
+            if ranks[start] == len(CLASSES):
+                continue
             stretch = slice(start, min(stop + 1, len(locations)))  # to the first place of the next: no gaps
             kind = CLASSES[ranks[start]]
             pieces.append(
@@ -251,8 +254,8 @@ def _filled(values: Array) -> Array:
 
 
 def _rank(std_m: Array, informed: Array) -> NDArray[np.int64]:
-    """Index into `CLASSES` at each location (n,)."""
-    rank = np.full(len(std_m), CLASSES.index(GUESSED))
+    """Index into `CLASSES` at each location (n,); its length where there is no isobath."""
+    rank = np.where(std_m <= MAX_STD_M[GUESSED], CLASSES.index(GUESSED), len(CLASSES))
     for kind in (LIKELY, FOUND):
         rank[(std_m <= MAX_STD_M[kind]) & (informed >= MIN_INFORMED[kind])] = CLASSES.index(kind)
     return rank

@@ -154,6 +154,14 @@ def test_a_known_shore_finds_the_isobath_beside_sounded_ground():
     assert {p.kind for p in classified(both, 15.0, OperatingArea(shore)) if p.line[:, 0].max() < 60.0} == {LIKELY}
 
 
+def test_far_from_all_soundings_there_is_not_even_a_guess():
+    line = classified(slope(0.0, 100.0))
+    assert {p.kind for p in line} == {FOUND, LIKELY, GUESSED}
+    east = max(p.line[:, 1].max() for p in line)
+    assert 250.0 < east < 500.0, "the mean crosses the level up to 597 m"
+    assert max(p.std_m.max() for p in line) < 2e5
+
+
 def test_vehicles_unsure_of_their_locations_find_less():
     pieces = classified(slope(0.0, 601.0), position_std_m=15.0)
     assert {(p.kind, p.reason) for p in pieces} == {(LIKELY, POSITIONS_UNCERTAIN)}

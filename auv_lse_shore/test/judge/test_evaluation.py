@@ -55,7 +55,7 @@ def test_summary_of_a_known_mission(evaluation, synthetic_run):
 
 
 def test_nothing_is_claimed_in_the_half_of_a_lake_that_nobody_visited(synthetic_run):
-    """The whole line reaches into the west, where it is the prior's, and is far from the true one there."""
+    """The line reaches into the west, where it is the prior's, and is far from the true one there; then it ends."""
     run = synthetic_run(steps=30)
     west_m = 1200.0
     run.parameters["/**"]["area"] = {
@@ -67,11 +67,11 @@ def test_nothing_is_claimed_in_the_half_of_a_lake_that_nobody_visited(synthetic_
     s = evaluation.summary
     claimed = lines_of(evaluation.pieces, FOUND, LIKELY)
     assert min(line[:, 1].min() for line in claimed) > -60.0  # the vehicles came as far west as 0
-    assert any(line[:, 1].min() < -0.5 * west_m for line in lines_of(evaluation.pieces))
+    assert -0.5 * west_m < min(line[:, 1].min() for line in lines_of(evaluation.pieces)) < -150.0
     assert s.isobath_found_error_m < 2.0
     assert s.isobath_found_error_m < 0.5 * s.isobath_error_m  # the whole line's counts what nobody measured
     assert s.isobath_found < 0.35  # a fifth of the area was visited
-    assert s.isobath_not_visited_m > 500.0
+    assert s.isobath_not_visited_m > 200.0
     assert s.isobath_found_m + s.isobath_likely_m + s.isobath_guessed_m == pytest.approx(s.isobath_length_m)
 
 
