@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ UNREACHABLE = "unreachable_"
 AREA_CELLS = 500
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True)
 class Grid:
     """Centers of cells over the operating area.
 
@@ -35,9 +36,9 @@ class Grid:
     inside: NDArray[np.bool_]
     resolution_m: float
 
-    @property
+    @cached_property
     def locations_m(self) -> Array:
-        """Centers (P, 2) of the cells inside the area, row by row."""
+        """Centers (P, 2) of the cells inside the area, row by row; not to be changed."""
         rows, columns = np.nonzero(self.inside)
         return np.column_stack([self.north_m[rows], self.east_m[columns]])
 
