@@ -177,6 +177,7 @@ def _run(words: Sequence[str]) -> int:
         CommandError: if it is wrong.
     """
     first = words[0] if words else ""
+    first = f"--{first}" if first in ("help", "version") else first
     if first == "--version":
         print(
             version_text(sorted({*PACKAGE_OF.values(), "auv_lse_run", "auv_lse_gp", "auv_lse_msgs", "auv_lse_planner"}))
@@ -204,7 +205,9 @@ def _unknown(word: str, verbs: Mapping[str, Verb]) -> str:
         return f"auv_lse has no option {word}. List the verbs: auv_lse --help"
     import difflib
 
-    near = difflib.get_close_matches(word, [*verbs, *PACKAGE_OF], n=1)
+    if about := [name for name, verb in verbs.items() if re.search(rf"\b{re.escape(word)}\b", verb.text)]:
+        return f"auv_lse has no verb {word}. See {', '.join(about[:4])}, or list the verbs: auv_lse --help"
+    near = difflib.get_close_matches(word, [*verbs, *PACKAGE_OF], n=1, cutoff=0.7)
     return f"auv_lse has no verb {word}. {f'Did you mean {near[0]}?' if near else 'List the verbs: auv_lse --help'}"
 
 

@@ -69,6 +69,8 @@ def test_a_verb_of_a_missing_package_names_it(
     ("word", "words"),
     [
         ("exprot", "error: auv_lse has no verb exprot. Did you mean export?\n"),
+        ("report", "error: auv_lse has no verb report. See replay, or list the verbs: auv_lse --help\n"),
+        ("start", "error: auv_lse has no verb start. See go, or list the verbs: auv_lse --help\n"),
         ("zzz", "error: auv_lse has no verb zzz. List the verbs: auv_lse --help\n"),
         ("--verison", "error: auv_lse has no option --verison. List the verbs: auv_lse --help\n"),
     ],
@@ -76,6 +78,14 @@ def test_a_verb_of_a_missing_package_names_it(
 def test_a_wrong_verb_gets_a_hint(word: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main([word]) == 2
     assert capsys.readouterr().err == words
+
+
+def test_help_and_version_need_no_dashes(capsys: pytest.CaptureFixture[str]) -> None:
+    for word in ("help", "version"):
+        assert command.main([word]) == 0
+        plain = capsys.readouterr().out
+        assert command.main([f"--{word}"]) == 0
+        assert capsys.readouterr().out == plain != ""
 
 
 def test_a_broken_table_leaves_the_other_verbs(
