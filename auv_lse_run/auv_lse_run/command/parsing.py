@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -21,12 +22,17 @@ def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Na
     """
     for each in _parsers(parser):
         name_numbers(each)
+        each._negative_number_matcher = _VALUE
         # argparse has no other way in: parsers come from the verbs, and add_subparsers makes more of the same class.
         each._print_message = _print_message  # type: ignore[method-assign]
     options, unknown = parser.parse_known_args(words)
     if unknown:  # argparse would print the usage of the outermost parser
         _called(parser, words).error(f"unrecognized arguments: {' '.join(unknown)}")
     return options
+
+
+#: Arguments that are values, though they begin with a sign: numbers, and lists such as -,lat,lon.
+_VALUE = re.compile(r"-[\d.,]")
 
 
 def _print_message(message: str, file: Any = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import os
 import signal
@@ -15,6 +16,7 @@ import pytest
 from auv_lse_common.support.verb import GROUPS, Verb
 from auv_lse_run.command import find_verbs as finding
 from auv_lse_run.command import main as command
+from auv_lse_run.command.parsing import parsed
 
 ROOT = Path(__file__).resolve().parents[3]
 TABLES = sorted(path.parent.name for path in ROOT.glob("auv_lse_*/auv_lse_*/verbs.py"))
@@ -210,3 +212,11 @@ def test_help_on_a_full_disk_is_an_error(words: list[str], unbuffered: str) -> N
         )
     assert done.stderr == "error: standard output: No space left on device. Send it elsewhere, or free space\n"
     assert done.returncode == 1
+
+
+@pytest.mark.parametrize("value", ["-,lat,lon,depth", "-,-", "-1.5", "-.5", "-"])
+def test_a_value_may_begin_with_a_sign(value: str) -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--columns")
+    parser.add_argument("-v", action="store_true")
+    assert parsed(parser, ["--columns", value, "-v"]) == argparse.Namespace(columns=value, v=True)

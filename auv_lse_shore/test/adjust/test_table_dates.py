@@ -224,3 +224,27 @@ def test_a_local_time_beside_a_date_in_utc_is_local(tmp_path):
     )
     assert any("--utc-offset" in line for line in gathered(tmp_path, data).lines)
     checked(gathered(tmp_path, data, "--utc-offset", "2"))
+
+
+@pytest.mark.parametrize("step_s", [0.5, 0.1])
+@pytest.mark.parametrize("header", ["time", "elapsed"])
+def test_seconds_with_fractions_are_no_days_of_a_spreadsheet(tmp_path, header, step_s):
+    def row(t, a, o, d):
+        return f"{36_000.5 + (t - START_S) * step_s:.1f},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines(f"{header},lat,lon,depth", row), "--date", "2026-05-03T10:00:00Z")
+    assert np.ptp(found.placed[0].soundings[:, 0]) == pytest.approx(119.0 * step_s, abs=1.0)
+    dated_rows = lines(f"date,{header},lat,lon,depth", lambda *r: f"2026-05-03,{row(*r)}")
+    assert gathered(tmp_path, dated_rows).placed[0].soundings[0, 0] == pytest.approx(START_S + 0.5, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("header", "first_day"),
+    [("time", 719_529.0), ("datenum", 719_529.0), ("jd", 2_440_587.5), ("time", 40_587.0), ("mjd", 40_587.0),
+     ("time", 25_569.0), ("time_utc", 25_569.0)],
+)  # fmt: skip
+def test_days_count_from_the_beginnings_that_programs_have(tmp_path, header, first_day):
+    def row(t, a, o, d):
+        return f"{t / 86_400.0 + first_day:.9f},{a:.8f},{o:.8f},{d:.3f}"
+
+    checked(gathered(tmp_path, lines(f"{header},lat,lon,depth", row)))

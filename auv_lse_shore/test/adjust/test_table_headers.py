@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
+from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.survey_import.command import parser, user_facts
+from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.survey_log import LogError
 
 
@@ -180,12 +185,70 @@ def test_units_in_brackets_of_a_header_behind_a_sign_of_comments(tmp_path, heade
     checked(gathered(tmp_path, lines(header, lambda *r: row(*r).replace(",", " "))))
 
 
-def test_one_name_for_a_date_and_a_time_with_a_blank_between_is_refused(tmp_path):
-    data = lines("datetime lat lon depth", lambda t, a, o, d: f"{utc(t, '%Y-%m-%d %H:%M:%S')} {a:.8f} {o:.8f} {d:.3f}")
-    columns = "date,time,lat,lon,depth"
-    with pytest.raises(LogError, match=rf"has 4 names in its header and 5 fields in its rows.*--columns {columns}\."):
-        gathered(tmp_path, data)
-    checked(gathered(tmp_path, data, "--columns", columns))
+@pytest.mark.parametrize("sign", [" ", ",", ";"])
+@pytest.mark.parametrize(
+    "header", ["datetime lat lon depth", "lat lon depth time_utc", "lat lon Date depth", "date lat lon depth note"]
+)
+@pytest.mark.parametrize("form", ["%Y-%m-%d", "%d.%m.%Y", "%Y-%j"])
+def test_one_name_for_a_date_and_a_time_in_two_columns(tmp_path, sign, header, form):
+    def row(t, a, o, d):
+        cells = {"lat": f"{a:.8f}", "lon": f"{o:.8f}", "depth": f"{d:.3f}", "note": "7"}
+        return sign.join(cells.get(name, utc(t, f"{form}{sign}%H:%M:%S")) for name in header.split())
+
+    checked(gathered(tmp_path, lines(header.replace(" ", sign), row), "--day-first"))
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        ("date time lat lon depth", "{date} {time} {a:.8f} {o:.8f} {d:.3f} 7"),
+        ("time date lat lon depth", "{time} {date} {a:.8f} {o:.8f} {d:.3f} 7"),
+        ("time lat lon depth", "{t:.0f} {a:.8f} {o:.8f} {d:.3f} 7"),
+        ("lat lon depth datetime", "{a:.8f} {o:.8f} {d:.3f} {date}T{time} 12:00"),
+    ],
+)
+def test_further_columns_behind_times_leave_them_as_they_are(tmp_path, header, cells):
+    def row(t, a, o, d):
+        return cells.format(t=t, a=a, o=o, d=d, date=utc(t, "%Y-%m-%d"), time=utc(t, "%H:%M:%S"))
+
+    checked(gathered(tmp_path, lines(header, row)))
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("Lat\tLon\tDepth (ft)\tTemp (F)\tTime", "{a:.8f}\t{o:.8f}\t{f:.3f}\t66.2\t{time:%m/%d/%Y %I:%M:%S %p}"),
+        ("Lat,Lon,Depth (ft),Time", "{n:.0f} {m:.6f} N,{e:.0f} {u:.6f} E,{f:.3f},{time:%Y-%m-%d %H:%M:%S}"),
+        ("Lat,Lon,Depth (ft),Time", "N{n:.0f} {m:.6f},E{e:.0f} {u:.6f},{f:.3f},{time:%d %b %Y %H:%M:%S}"),
+        ("Lat Lon Depth (ft) Time", "{a:.8f} {o:.8f} {f:.3f} {time:%Y-%m-%d %H:%M:%S}"),
+        ("Time Lat Lon Depth (ft)", "{time:%Y-%m-%d %H:%M:%S} {a:.8f} {o:.8f} {f:.3f}"),
+        (",Lat,Lon,Depth (ft),Time", "7,{a:.8f},{o:.8f},{f:.3f},{time:%Y-%m-%d %H:%M:%S}"),
+        ("Lat (N) Lon (E) Depth (ft)", "{a:.8f} N {o:.8f} E {f:.3f} ft"),
+        ("Zeit;Lat;Lon;Tiefe (ft)", "{time:%d.%m.%Y %H:%M:%S};{ac};{oc};{fc}"),
+        ("Zeit Lat Lon Tiefe (ft)", "{time:%d.%m.%Y} {time:%H:%M:%S} {ac} {oc} {fc}"),
+    ],
+)
+def test_units_of_a_header_count_where_cells_have_blanks(tmp_path, header, row):
+    def written(t, a, o, d):
+        numbers = {"a": a, "o": o, "f": d / 0.3048, "n": a // 1, "m": a % 1 * 60, "e": o // 1, "u": o % 1 * 60}
+        commas = {f"{key}c": f"{numbers[key]:.8f}".replace(".", ",") for key in "aof"}
+        return row.format(time=datetime.fromtimestamp(t, UTC), **numbers, **commas)
+
+    checked(
+        gathered(tmp_path, lines(header, written), "--no-day-first" if "%m/" in row else "--day-first"), starts=None
+    )
+
+
+@pytest.mark.parametrize("header", ["E,N,depth", "n,e,depth", "point,N,E,depth", "X_UTM,Y_UTM,depth"])
+def test_metres_may_be_under_single_letters(tmp_path, header):
+    def row(t, a, o, d):
+        north, east = local_from_geodetic(a, o, 46.5, 6.6)
+        cells = {"N": north, "E": east, "X_UTM": east, "Y_UTM": north, "depth": d, "point": 7}
+        return ",".join(f"{cells.get(name, cells.get(name.upper())):.3f}" for name in header.split(","))
+
+    path = tmp_path / "table.txt"
+    path.write_text(lines(header, row))
+    checked(gather([path], user_facts(parser().parse_args([str(path)]))), starts=None)
 
 
 def test_fields_behind_the_last_name_of_a_table_with_blanks_are_not_used(tmp_path):

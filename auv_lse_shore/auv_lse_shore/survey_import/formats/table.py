@@ -17,6 +17,7 @@ from auv_lse_shore.survey_import.parsing.columns import (
     other_header,
     unused_columns,
     vehicles_of,
+    with_times_apart,
 )
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
@@ -49,6 +50,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     if dialect is None:
         raise LogError(f"{file.path} has no columns of numbers.")
     options.used.add("columns")
+    dialect = dialect if options.columns else with_times_apart(dialect)
     columns = columns_for(file.path, dialect, options.columns, text)
     if not options.columns and (other := other_header(text, dialect, columns))[0]:
         raise LogError(
@@ -61,11 +63,10 @@ def _contents(
     file: LogFile, text: str, dialect: Dialect, columns: dict[str, Column], options: ReadOptions
 ) -> list[LogContent]:
     """The logs of the vehicles in a table."""
-    used = list(columns.values())
     parts: dict[str, list[NDArray[np.str_] | Array]] = {role: [] for role in columns}
     texts = {role for role in columns if role.startswith(tv.TEXT_ROLES)}
     read, lines = 0, text.count("\n") + 1
-    for piece in columns_of(text, dialect, [column.number for column in used]):
+    for piece in columns_of(text, dialect, [column.number for column in columns.values()]):
         for role, cells in zip(columns, piece, strict=True):
             parts[role].append(
                 np.array(cells) if role in texts else tv.values_of(file.path, role, cells, dialect.decimal_comma)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import re
 from collections.abc import Container, Sequence
@@ -91,8 +92,8 @@ ROLES: dict[str, tuple[str, ...]] = {
         "lonsec", "lonsecs", "lonseconds", "longsec", "longseconds", "longitudesec", "longitudesecs",
         "longitudeseconds",
     ),
-    "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "nordwert", "hochwert"),
-    "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "ostwert", "rechtswert"),
+    "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "yutm", "nordwert", "hochwert", "n"),
+    "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "xutm", "ostwert", "rechtswert", "e"),
     "depth": (
         "waterdepth", "bottomdepth", "totaldepth", "watercolumndepth", "depth", "sonardepth", "depthbelowsurface",
         "dep", "depthvalue", "instdep", "sounding", "depthcorrected", "correcteddepth", "depthsonar", "dbs",
@@ -120,7 +121,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "gpstime", "utc", "gmt", "recordedat", "createdat", "epoch", "unixtime", "unix", "unixtimestamp", "epochtime",
         "posixtime", "datumzeit", "zeitstempel", "fechahora", "horodatage", "datetimelocal", "localtime", "times",
         "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime", "timeboot",
-        "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed",
+        "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed", "datenum", "jd", "mjd",
     ),
     "half_day": ("ampm", "pmam"),
     "utc_offset": ("utcoffset", "gmtoffset", "timezoneoffset", "tzoffset", "timezone", "tz"),
@@ -217,7 +218,8 @@ def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, 
     """
     found: dict[str, list[Column]] = {}
     for number, (name, meaning) in enumerate(zip(names, _spelled_out(names), strict=True)):
-        column = column_of(number, meaning, units[number] if number < len(units) else "")
+        bracket = next(filter(_BRACKETS.fullmatch, names[number + 1 : number + 2]), "")  # above a column of units
+        column = column_of(number, meaning + bracket, units[number] if number < len(units) else "")
         if column:
             found.setdefault(column.role, []).append(column._replace(name=name.strip()))
     columns = {}
@@ -305,6 +307,22 @@ def unused_columns(header: Sequence[str], columns: dict[str, Column], dated_by: 
     return [name for number, name in enumerate(header) if number not in used and name]
 
 
+def with_times_apart(dialect: Dialect) -> Dialect:
+    """The dialect with two names where the header has one, of a date or a time, above both in columns of their own."""
+    if len(dialect.header) != dialect.width - 1 or not dialect.sample:
+        return dialect
+    roles = [column.role if column else "" for column in map(column_of, itertools.count(), dialect.header)]
+    guess = proposal(dialect, [row for row in dialect.sample if len(row) == dialect.width])
+    for number, role in enumerate(roles):
+        is_one = role in ("date", "datetime") and not {"date", "datetime"} & {*roles[number + 1 : number + 2]}
+        if is_one and guess[number : number + 2] == ["date", "time"]:
+            name = dialect.header[number]
+            names = (name, "time") if role == "date" else ("date", name)
+            header = (*dialect.header[:number], *names, *dialect.header[number + 1 :])
+            return dataclasses.replace(dialect, header=header, units=())
+    return dialect
+
+
 def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -> dict[str, Column]:
     """The columns of a table, by `names` if the user gives them, else by its header.
 
@@ -349,7 +367,7 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
 
 
 def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text: str) -> None:
-    """Checks that a name of several words, or a date with a blank, in a table with blanks shifts no columns.
+    """Checks that a name of several words in a table with blanks shifts no columns.
 
     Raises:
         LogError: with a proposal from the values, if they show other columns, and the header how it is shifted.
@@ -361,8 +379,7 @@ def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text:
     guess, widest = proposal(dialect, rows), max(map(len, rows), default=0)
     found, pairs = named_columns(guess), itertools.pairwise(dialect.header)
     if count < dialect.width:
-        has_both = "date" in columns and "datetime" in columns
-        is_shifted = not has_both and ("date", "time") in itertools.pairwise(guess)
+        is_shifted = "date" not in columns and ("date", "time") in itertools.pairwise(guess)
     else:
         is_joined = any(not column_of(0, a) and column_of(0, a + b) for a, b in pairs)
         is_shifted = count > widest and (is_joined or any(column.number >= widest for column in columns.values()))

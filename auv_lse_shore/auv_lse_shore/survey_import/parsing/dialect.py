@@ -27,6 +27,8 @@ _BRACKETED = re.compile(r"\S[^\s(\[{]*(?:\s*[(\[{][^)\]}]*[)\]}])*")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
+#: A date with its time, an angle, or a number with its unit in one cell; numbers alone are in several.
+_OF_WORDS = re.compile(r"(?=.*[^\d\s.+-])[NSEW]?\s?[+-]?\d[\d:/.+-]*(\s+([+-]?\d[\d:/.+-]*|[^\W\d_]{1,9}\.?))+$")
 #: Rows that are converted at once: few, because Python searches many small lists for cycles again and again.
 _ROWS = 2_000
 #: The longest line of a table.
@@ -113,7 +115,8 @@ def _score(rows: list[list[str]]) -> float:
         return 0.0
     usual = [row for row in rows if len(row) == width]
     cells = [cell for row in usual for cell in row]
-    good = sum(1 for cell in cells if _MARK.match(cell) or is_number(cell)) + 0.5 * sum(1 for cell in cells if not cell)
+    good = sum(1.0 for cell in cells if _MARK.match(cell) or is_number(cell) or _OF_WORDS.match(cell))
+    good += 0.5 * sum(1 for cell in cells if not cell)
     return (0.05 + good / len(cells)) * len(usual) / len(rows)
 
 
@@ -128,11 +131,15 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
     def numbers(row: list[str]) -> int:
         return sum(1 for cell in row if is_number(cell))
 
-    def without_blanks(row: list[str]) -> list[str]:
-        return _BRACKETED.findall(" ".join(row)) if delimiter == " " and len(row) > width else row
-
     usual = float(np.median([numbers(row) for row in rows if len(row) == width]))
     first = next((i for i, row in enumerate(rows) if len(row) == width and numbers(row) >= 0.5 * max(usual, 1.0)), None)
+    values = rows[first:] if first is not None else []
+
+    def without_blanks(row: list[str]) -> list[str]:
+        below = zip(row, *values[:1], strict=False)
+        has_units = any(name.startswith(("(", "[", "{")) and any(map(str.isdigit, *cell)) for name, *cell in below)
+        return _BRACKETED.findall(" ".join(row)) if delimiter == " " and (len(row) > width or has_units) else row
+
     before = rows[: len(rows) if first is None else first]
     names = [row for row in before if len([cell for cell in row if cell and not is_number(cell)]) >= 2]
     header: tuple[str, ...] = ()
@@ -145,7 +152,6 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
         has_units = len(names) > 1 and len(set(names[-1])) < width  # such as deg, deg, m
         header, units = tuple(names[-1 - has_units]), tuple(names[-1]) if has_units else ()
     header = tuple(without_blanks([*header]))
-    values = rows[first:] if first is not None else []
     cells = [cell for row in values for cell in row]
     commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell))
     points = sum(1 for cell in cells if is_number(cell) and "." in cell)

@@ -24,7 +24,6 @@ from auv_lse_shore.survey_import.parsing.columns import (
 )
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import (
-    SERIAL_FROM_S,
     UTC_FROM_S,
     are_compact,
     are_four_digits,
@@ -34,6 +33,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     full_year,
     header_zone_s,
     of_day_s,
+    of_days,
     offsets_s,
     seconds,
     zoned_of,
@@ -254,11 +254,10 @@ def _from_numbers(
 ) -> tuple[Clock, Array]:
     """Epochs, seconds of a day with a date, or seconds from a start."""
     low, unit_s = float(np.nanmin(numbers)), factor_of(column.unit, TIME_UNITS)
-    if (
-        low > 25_569.0 and float(np.nanmax(numbers)) < 80_000.0 and not unit_s and (numbers % 1.0 != 0.0).any()
-    ):  # days of a spreadsheet since 1899-12-30
-        days_s = numbers * 86_400.0 + SERIAL_FROM_S - header_zone_s(column.name)
-        return Clock.UTC if "utc" in column.name.lower() else Clock.LOCAL, days_s
+    if not unit_s and (counted := of_days(numbers)):
+        days_s, is_utc = counted
+        is_utc = is_utc or "utc" in column.name.lower()
+        return Clock.UTC if is_utc else Clock.LOCAL, days_s - header_zone_s(column.name)
     times = seconds(numbers)
     if unit_s and low * unit_s < UTC_FROM_S:
         times = numbers * unit_s

@@ -34,6 +34,15 @@ _COMPACT = re.compile(r"\s*((?:19|20)\d{6})T?[ _-]?(\d{2})(\d{2})(\d{2}(?:\.\d*)
 #: A day of a spreadsheet that is no 4-03-25 without signs, and their first one (s since 1970: 1899-12-30).
 _SERIAL = re.compile(r"[2-7](?:3[2-9]|[4-9]\d)\d\d(\.0*)?")
 SERIAL_FROM_S = -25_569.0 * 86_400.0
+#: Counts of days at 1970 and at the latest one: of spreadsheets, modified Julian, Matlab, Julian; and whether of UTC.
+_DAY_COUNTS = (
+    (25_569.0, 51_544.0, False),
+    (40_587.0, 65_500.0, True),  # below 51,544 they look like those of a spreadsheet
+    (719_529.0, 745_000.0, False),
+    (2_440_587.5, 2_465_500.0, True),
+)
+#: Most days between two times of a table; more are seconds (a ping each 14 minutes, or a hundred each second).
+_DAYS_APART = 0.01
 #: A year and the day in it, as in 2025-165.
 _YEAR_DAY = re.compile(r"((?:19|20)\d{2})-?(\d{3})$")
 #: Months by the beginnings of their English, German, French, Spanish and Italian names.
@@ -72,6 +81,17 @@ def seconds(values: Array) -> Array:
     factor = next(factor for least, factor in _UNITS if largest >= least)
     with np.errstate(over="ignore"):
         return values * factor
+
+
+def of_days(numbers: Array) -> tuple[Array, bool] | None:
+    """Seconds since 1970 of days (n,) with the time as their fraction, and whether they are of UTC; None for others."""
+    known = np.unique(numbers[np.isfinite(numbers)])
+    if len(known) < 2 or np.median(np.diff(known)) > _DAYS_APART or not (known % 1.0 != 0.0).any():
+        return None
+    for first, last, is_utc in _DAY_COUNTS:
+        if first < known[0] and known[-1] < last:
+            return (numbers - first) * 86_400.0, is_utc
+    return None
 
 
 def of_day_s(texts: Sequence[str]) -> Array:
