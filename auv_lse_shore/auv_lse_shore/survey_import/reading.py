@@ -24,7 +24,7 @@ _OTHERS = (
     (rb"\xd0\xcf\x11\xe0", 0, "an Excel workbook"),
     (rb"\.FIT", 8, "a Garmin activity (FIT)"),
     (rb"\s*<(\?xml|!DOCTYPE|html|kml)", 0, "XML or a web page"),
-    (rb"\s*(\{|\[\s*[\[{])", 0, "JSON in another form than crowdsourced bathymetry"),
+    (rb"\s*(\{\s*[\"}]|\[\s*[\[{])", 0, "JSON in another form than crowdsourced bathymetry"),
 )
 
 

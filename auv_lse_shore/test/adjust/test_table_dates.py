@@ -248,3 +248,71 @@ def test_days_count_from_the_beginnings_that_programs_have(tmp_path, header, fir
         return f"{t / 86_400.0 + first_day:.9f},{a:.8f},{o:.8f},{d:.3f}"
 
     checked(gathered(tmp_path, lines(f"{header},lat,lon,depth", row)))
+
+
+@pytest.mark.parametrize("form", ["%Hh%M", "%Hh%Mm%Ss", "%d/%m/%Y %Hh%M", "%d/%m/%Y %Hh%M:%S"])
+def test_hours_may_end_with_h(tmp_path, form):
+    data = lines("heure;lat;lon;depth", lambda t, a, o, d: f"{utc(t, form)};{a:.8f};{o:.8f};{d:.3f}")
+    facts = ["--day-first"] if "%Y" in form else ["--date", "2026-05-03"]
+    assert gathered(tmp_path, data, *facts).placed[0].soundings[0, 0] == pytest.approx(START_S, abs=1.0)
+
+
+@pytest.mark.parametrize("zone", ["CEST", "PDT", "CST"])
+@pytest.mark.parametrize(
+    "form", ["%Y-%m-%d %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%H:%M:%S", "%a %b %d %H:%M:%S {zone} %Y"]
+)
+def test_a_time_behind_which_a_zone_is_named_is_local(tmp_path, form, zone):
+    form = form.replace("{zone}", zone) if "{" in form else f"{form} {zone}"
+    data = lines("time,lat,lon,depth", lambda t, a, o, d: f"{utc(t + 7_200, form)},{a:.8f},{o:.8f},{d:.3f}")
+    date = [] if "%Y" in form else ["--date", "2026-05-03"]
+    found = gathered(tmp_path, data, "--utc-offset", "2", "--no-day-first", *date)
+    checked(found)
+    assert f"the zone {zone} is not read" in found.lines[0]
+    if not date:
+        assert any("--utc-offset" in line for line in gathered(tmp_path, data, "--no-day-first").lines)
+
+
+def test_the_name_of_a_month_is_no_zone(tmp_path):
+    data = lines("time,lat,lon,depth", lambda t, a, o, d: f"{utc(t, '%d-%b-%Y %H:%M:%S GMT')},{a:.8f},{o:.8f},{d:.3f}")
+    assert "zone" not in "".join(gathered(tmp_path, data).lines)
+
+
+@pytest.mark.parametrize(("first_s", "decimals"), [(0.0, 1), (1_400.0, 0), (3_550.0, 1), (3_550.0, 0)])
+def test_minutes_and_seconds_without_hours(tmp_path, first_s, decimals):
+    def row(t, a, o, d):
+        minutes, seconds = divmod((first_s + 0.25 + t - START_S) % 3_600.0, 60.0)
+        return f"{minutes:02.0f}:{seconds // 1:02.0f}{'.2' * decimals},{a:.8f},{o:.8f},{d:.3f}"
+
+    data = lines("time,lat,lon,depth", row)
+    assert any("--date" in line for line in gathered(tmp_path, data).lines)
+    found = gathered(tmp_path, data, "--date", "2026-05-03T10:00:00Z")
+    checked(found)
+    assert np.ptp(found.placed[0].soundings[:, 0]) == pytest.approx(119.0)
+
+
+def test_hours_and_minutes_stay_such(tmp_path):
+    data = lines("time,lat,lon,depth", lambda t, a, o, d: f"{utc(t, '%H:%M')},{a:.8f},{o:.8f},{d:.3f}")
+    checked(gathered(tmp_path, data, "--date", "2026-05-03"), starts=None)
+    assert "no hours" not in gathered(tmp_path, data).lines[0]
+
+
+@pytest.mark.parametrize(("header", "scale"), [("GPS_Week,TOW", 1.0), ("gps_week,gps_sec", 1.0), ("GWk,GMS", 1e3)])
+def test_gps_weeks_and_their_seconds(tmp_path, header, scale):
+    def row(t, a, o, d):
+        week, of_week = divmod(t + 18.0 - 315_964_800.0, 604_800.0)
+        return f"{week:.0f},{of_week * scale:.0f},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines(f"{header},lat,lon,depth", row))
+    checked(found)
+    assert not any("columns not used" in line or "question" in line for line in found.lines)
+    alone = lines("week,lat,lon,depth,time", lambda t, a, o, d: f"19,{a:.8f},{o:.8f},{d:.3f},{utc(t)}Z")
+    found = gathered(tmp_path, alone)
+    checked(found)
+    assert "columns not used: week" in found.lines[0]
+
+
+def test_days_of_the_year_may_have_the_time_as_their_fraction(tmp_path):
+    def row(t, a, o, d):
+        return f"2026,{(t - 1_767_225_600.0) / 86_400.0 + 1.0:.8f},{a:.8f},{o:.8f},{d:.3f}"
+
+    checked(gathered(tmp_path, lines("year,doy,lat,lon,depth", row)))

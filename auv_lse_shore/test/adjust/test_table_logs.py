@@ -573,8 +573,8 @@ def test_typographic_minus_signs_mean_depths_and_boots(tmp_path):
 
 
 def test_positions_that_are_no_angles_are_shown(tmp_path):
-    data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"S{a:.0f}-{t % 60:.3f},W{o:.0f}-1.5,{d:.3f},{utc(t)}")
-    with pytest.raises(LogError, match=r"its positions are no numbers and no angles, such as 'S46-.*46 30\.5 S"):
+    data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"S{a:.0f}/{t % 60:.3f},W{o:.0f}/1.5,{d:.3f},{utc(t)}")
+    with pytest.raises(LogError, match=r"its positions are no numbers and no angles, such as 'S46/.*46 30\.5 S"):
         gathered(tmp_path, data)
 
 

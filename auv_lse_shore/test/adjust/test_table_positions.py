@@ -366,3 +366,34 @@ def test_what_stands_between_blocks_is_no_time_without_a_zone(tmp_path):
     header, *rows = lines("time,lat,lon,depth", lambda t, a, o, d: f"{utc(t)}Z,{a:.8f},{o:.8f},{d:.3f}").splitlines()
     found = gathered(tmp_path, "\n".join([header, *rows[:60], "* begin: again", "begin: again", header, *rows[60:]]))
     checked(found)
+
+
+def test_degrees_minutes_and_seconds_may_have_hyphens_between_them(tmp_path):
+    def row(t, a, o, d):
+        parts = [(v // 1, v * 60.0 % 60.0 // 1, v * 3_600.0 % 60.0) for v in (a, o)]
+        return (
+            ",".join(f"{p[0]:.0f}-{p[1]:02.0f}-{p[2]:07.4f}{side}" for p, side in zip(parts, "NE", strict=True))
+            + f",{d:.3f}"
+        )
+
+    checked(gathered(tmp_path, lines("lat,lon,depth", row)), starts=None)
+    checked(
+        gathered(
+            tmp_path, lines("lat;lon;depth", lambda t, a, o, d: f"46-{a % 1 * 60:.6f}N;6-{o % 1 * 60:.6f}E;{d:.3f}")
+        ),
+        starts=None,
+    )
+
+
+@pytest.mark.parametrize("cell", ["1'150'199.34", '"1,150,199.34"'])
+def test_metres_that_are_no_numbers_are_shown(tmp_path, cell):
+    with pytest.raises(LogError, match=r"positions are no numbers .*150.*Write metres, such as"):
+        gathered(tmp_path, lines("east,north,depth", lambda t, a, o, d: f"{cell},{cell},{d:.3f}"), "--crs", "EPSG:2056")
+
+
+def test_positions_in_one_cell_are_named(tmp_path):
+    def row(t, a, o, d):
+        return f"N46 {a % 1 * 60:.5f} E6 {o % 1 * 60:.5f},{d:.2f} m,{int(t)}"
+
+    with pytest.raises(LogError, match="Latitude and longitude are in one cell"):
+        gathered(tmp_path, lines("Position,Depth,Time", row))

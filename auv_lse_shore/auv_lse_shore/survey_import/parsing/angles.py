@@ -17,7 +17,8 @@ from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
 
-_ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)[°º d:]*\s*(?:(\d+(?:\.\d*)?)['′ m:]*)?\s*"
+_ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)(?:-(?=\d)|[°º d:]*)\s*"
+                    r"(?:(\d+(?:\.\d*)?)(?:-(?=\d)|['′ m:]*))?\s*"
                     r"(?:(\d+(?:\.\d*)?)((?:[\"″'′ ]|s(?=\s*[NSEWO]\s*$))*))?\s*([NSEWO])?\s*$",
                     re.IGNORECASE)  # fmt: skip
 #: Units of 1e-7 degrees, of degrees and minutes in one number, and of unsigned degrees south or west.

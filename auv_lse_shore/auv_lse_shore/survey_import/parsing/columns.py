@@ -122,6 +122,12 @@ ROLES: dict[str, tuple[str, ...]] = {
         "posixtime", "datumzeit", "zeitstempel", "fechahora", "horodatage", "datetimelocal", "localtime", "times",
         "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime", "timeboot",
         "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed", "datenum", "jd", "mjd",
+        "time1", "secondsofday", "secofday",
+    ),
+    "gps_week": ("gpsweek", "gpswk", "gwk", "weeknumber", "week"),
+    "of_week": (
+        "gpstow", "tow", "itow", "timeofweek", "secondsofweek", "secofweek", "gpsseconds", "gpssec", "gpssow", "sow",
+        "gms",
     ),
     "half_day": ("ampm", "pmam"),
     "utc_offset": ("utcoffset", "gmtoffset", "timezoneoffset", "tzoffset", "timezone", "tz"),
@@ -171,6 +177,7 @@ _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
 DEPTHS = ("depth", "elevation", "z")
 #: Roles of times in columns of their own, beside the day's.
 DATE_PARTS = ("year", "month", "day_of_year", "hour", "minute", "second")
+GPS_TIME = ("gps_week", "of_week")
 #: Letters for them, which are also names of their own in orders of a date and a time, as in YYYY,MM,DD,HH,MM,SS.
 _LETTERS = {"year": "y", "month": "m", "date": "d", "hour": "h", "minute": "m", "second": "s"}
 _ORDERS = re.compile("ymd|dmy|mdy|hms?")
@@ -205,7 +212,7 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
 def _suits(unit: str, key: str) -> bool:
     """Whether a column of this name can have this unit: the `min` of a depth is no minute."""
     role = _BY_NAME.get(key)
-    is_time = role in ("datetime", "utc_offset")
+    is_time = role in ("datetime", "utc_offset", "of_week")
     if unit in METRES:
         return role is not None and not is_time and role not in _LETTERS
     return is_time if unit in TIME_UNITS else role is not None
@@ -284,7 +291,7 @@ def has_date_parts(columns: Container[str]) -> bool:
     """Whether times are in columns of hours, minutes and so on, or dates in columns of years, months and days."""
     if "second" in columns and "hour" in columns and "minute" not in columns:  # they have another name
         return False
-    has_parts = "hour" in columns or all(role in columns for role in ("year", "month"))
+    has_parts = "hour" in columns or ("year" in columns and ("month" in columns or "day_of_year" in columns))
     return "datetime" not in columns and has_date(columns) and has_parts
 
 
@@ -297,6 +304,7 @@ def unused_columns(header: Sequence[str], columns: dict[str, Column], dated_by: 
     """Names of a header's columns that are not used: unknown ones, and further positions, depths and dates."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
+    further |= set() if all(role in columns for role in GPS_TIME) else {*GPS_TIME}
     further |= {"altitude"} | ({*DATE_PARTS} - dated_by if not has_date_parts(columns) else set())
     further |= set() if "datetime" in columns or (has_date_parts(columns) and "hour" in columns) else {"half_day"}
     used = {

@@ -107,6 +107,11 @@ def dialect_of(text: str) -> Dialect | None:
     return _with_header(*best, [[cell.strip() for cell in row] for row in fields_of(behind, best[0])])
 
 
+def _values_in(cells: list[str]) -> int:
+    """How many cells are numbers, angles, dates or times."""
+    return sum(1 for cell in cells if _MARK.match(cell) or is_number(cell) or _OF_WORDS.match(cell))
+
+
 def _score(rows: list[list[str]]) -> float:
     """How much a table's rows look like columns of numbers, dates and times."""
     widths = Counter(len(row) for row in rows)
@@ -115,8 +120,7 @@ def _score(rows: list[list[str]]) -> float:
         return 0.0
     usual = [row for row in rows if len(row) == width]
     cells = [cell for row in usual for cell in row]
-    good = sum(1.0 for cell in cells if _MARK.match(cell) or is_number(cell) or _OF_WORDS.match(cell))
-    good += 0.5 * sum(1 for cell in cells if not cell)
+    good = _values_in(cells) + 0.5 * sum(1 for cell in cells if not cell)
     return (0.05 + good / len(cells)) * len(usual) / len(rows)
 
 
@@ -128,11 +132,10 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
     widths = Counter(len(row) for row in rows)
     width = max((w for w in widths if w > 1), key=lambda w: widths[w])
 
-    def numbers(row: list[str]) -> int:
-        return sum(1 for cell in row if is_number(cell))
-
-    usual = float(np.median([numbers(row) for row in rows if len(row) == width]))
-    first = next((i for i, row in enumerate(rows) if len(row) == width and numbers(row) >= 0.5 * max(usual, 1.0)), None)
+    usual = float(np.median([_values_in(row) for row in rows if len(row) == width]))
+    first = next(
+        (i for i, row in enumerate(rows) if len(row) == width and _values_in(row) >= 0.5 * max(usual, 1.0)), None
+    )
     values = rows[first:] if first is not None else []
 
     def without_blanks(row: list[str]) -> list[str]:

@@ -15,6 +15,7 @@ from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.columns import (
     DATE_PARTS,
+    GPS_TIME,
     Column,
     Table,
     first_of,
@@ -34,6 +35,8 @@ from auv_lse_shore.survey_import.parsing.times import (
     header_zone_s,
     of_day_s,
     of_days,
+    of_gps_weeks,
+    of_hour_s,
     offsets_s,
     seconds,
     zoned_of,
@@ -45,9 +48,13 @@ Array = NDArray[np.float64]
 
 #: A clock that goes back by more than this (s) has passed midnight, or rows are in another order; by this, midnight.
 _BACK_S, _MIDNIGHT_S = 60.0, -82_800.0
+_DAY_S, _HOUR_S = 86_400.0, 3_600.0
 
 #: A half of the day at the end of a time.
 _HALF_DAY = re.compile(r"[ap]\.?m\.?\s*$", re.IGNORECASE)
+
+#: The name of a zone, whose offset is not known, behind a time.
+_ZONE_NAME = re.compile(r"(?<=[\d.MAPmp])\s+(?!UTC|GMT|AM|PM)[A-Z]{3,4}(?=\s+\d{4}\s*$|\s*$)")
 
 _ORDER_NOTE = "it is unclear whether dates begin with the day or the month: see --day-first"
 #: Number of times, spread over a table, by which their notation is recognized.
@@ -62,6 +69,8 @@ def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
     candidates = [role for role in table.columns if role.startswith("datetime")]
     if has_date_parts(table.columns):
         best = _from_parts(table, options, content)
+    if {*GPS_TIME} <= table.columns.keys():
+        best = Clock.UTC, of_gps_weeks(*(table.values[role] for role in GPS_TIME))
     for role in candidates or ["date"] * ("date" in table.columns and best is None):
         found = _time(table, role, options, content)
         if found and (best is None or order.index(found[0]) < order.index(best[0])):
@@ -91,6 +100,9 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     first = next((text for text in texts if text.strip()), "")
     if not first:
         return None
+    if ":" in first and (zone := _ZONE_NAME.search(first)):
+        content.notes.append(f"column {column.name}: the zone{zone[0]} is not read")
+        texts = [_ZONE_NAME.sub("", text) for text in texts]
     is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
     is_utc = is_utc or first.strip().endswith(("Z", "UTC", "GMT"))
     sample = texts[:: len(texts) // _SAMPLED + 1]
@@ -98,6 +110,9 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     are_digits = are_compact(sample) or (are_of_day and column.unit not in TIME_UNITS)
     if not are_digits and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
+    if of_hour_s(sample) is not None and (of_hour := of_hour_s(texts)) is not None:
+        content.notes.append(f"column {column.name} has minutes and seconds, and no hours")
+        return Clock.ELAPSED, _counted(of_hour, _HOUR_S, table)
     if np.isfinite(of_day_s(sample)).mean() > 0.5:
         clock, zoned, dates = of_day_s(texts), zoned_of(texts), _dates(table)
         _check_zones(texts, clock, zoned, column, dates.name, table.path)
@@ -105,7 +120,7 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
         if not np.isfinite(day).any():
             if date := first_of(dates.texts):
                 content.notes.append(f"column {dates.name} is ignored: {date!r} is not a date")
-            return Clock.DAY, _past_midnights(clock - (0.0 if zoned else header_zone_s(column.name)), table)
+            return Clock.DAY, _counted(clock - (0.0 if zoned else header_zone_s(column.name)), _DAY_S, table)
         day = _past_midnight(clock, day, dates.name, table, content)
         is_utc = is_utc or ("utc" in dates.name.lower() and "local" not in column.name.lower())
         has_zone = bool(zoned)
@@ -127,6 +142,8 @@ def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tupl
     dates = _dates(table)
     stamps, assumed = days(dates.texts, options.day_first)
     content.notes += [_ORDER_NOTE] * assumed
+    if "day_of_year" in table.dated_by:
+        stamps = stamps + _DAY_S * (table.values["day_of_year"] % 1.0)
     for role, unit_s in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
         stamps = stamps + unit_s * table.values.get(role, 0.0)
     if "half_day" in table.columns and "hour" in table.columns:
@@ -153,7 +170,7 @@ def _dates(table: Table) -> _Dates:
     roles: Sequence[str] = ("date",) if texts else ()
     form, parts = "", list[Array]()
     if "year" in columns and "day_of_year" in columns and (values["day_of_year"] <= 366.0).any():
-        roles, form, parts = ("year", "day_of_year"), "{:.0f}-{:03.0f}", [values["day_of_year"]]
+        roles, form, parts = ("year", "day_of_year"), "{:.0f}-{:03.0f}", [np.floor(values["day_of_year"])]
     elif "year" in columns and "month" in columns and (of_month <= 31.0).any():
         roles, form, parts = ("year", "month", "date"), "{:.0f}-{:.0f}-{:.0f}", [values["month"], of_month]
     if form:
@@ -187,21 +204,21 @@ def _without_offsets(times: Array, table: Table, content: LogContent) -> Array:
     return times - ahead_s
 
 
-def _past_midnights(clock: Array, table: Table) -> Array:
-    """Times of day (n,) of each vehicle with the days that begin where they turn back."""
+def _counted(clock: Array, period_s: float, table: Table) -> Array:
+    """Times (n,) of a clock that begins again after a day or an hour, with those that begin for each vehicle."""
     times = clock.copy()
     for _, mask in vehicles_of(table):
         rows = np.flatnonzero(mask & np.isfinite(clock))
-        times[rows[1:]] += 86_400.0 * _begun(np.diff(clock[rows]))
+        times[rows[1:]] += period_s * _begun(np.diff(clock[rows]), period_s)
     return times
 
 
-def _begun(steps: Array) -> Array:
-    """Number of days that have begun after each step (s) of a time of day; (n,).
+def _begun(steps: Array, period_s: float = _DAY_S) -> Array:
+    """Number of days or hours that have begun after each step (s) of a clock; (n,).
 
     A row of before midnight may be between others of after it.
     """
-    begun = np.cumsum((steps < -_BACK_S).astype(float) - (steps > 86_400.0 - _BACK_S))
+    begun = np.cumsum((steps < -_BACK_S).astype(float) - (steps > period_s - _BACK_S))
     count: Array = begun - np.minimum.accumulate(begun.clip(max=0.0))
     return count
 

@@ -120,7 +120,7 @@ def refuse_unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) ->
         LogError: showing a cell.
     """
     depth = depth_role(table.columns)
-    for role in (depth, "lat", "lon"):
+    for role in (depth, "lat", "lon", "north", "east", "x", "y"):
         column = table.columns.get(role)
         if column is None or not np.isnan(table.values[role]).all():
             continue
@@ -131,9 +131,11 @@ def refuse_unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) ->
                 "cells, and put their unit into the header, such as depth_ft, or into --depth-unit."
             )
         if role != depth and (wrong := next((cell for cell in written if re.search(r"\d", cell)), "")):
+            example = (
+                "degrees, such as -46.5083, or 46 30.5 S" if role in ("lat", "lon") else "metres, such as 5150199.34"
+            )
             raise LogError(
-                f"{table.path}: its positions are no numbers and no angles, such as {wrong[:40]!r}. Write degrees, "
-                "such as -46.5083, or 46 30.5 S."
+                f"{table.path}: its positions are no numbers and no angles, such as {wrong[:40]!r}. Write {example}."
             )
 
 

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 #: Times from here on (s since 1970: 2000) are UTC; smaller ones count from a start.
 UTC_FROM_S = 946_684_800.0
 #: After 1,024 weeks, a GPS receiver may begin its count of weeks again.
-ROLLOVER_S = 1024 * 7 * 86_400.0
+_WEEK_S = 7 * 86_400.0
+ROLLOVER_S = 1024 * _WEEK_S
 #: The latest time that a message's stamp can hold (s since 1970: January 2038).
 UTC_TO_S = 2_147_483_000.0
 #: Begin of GPS, 1980-01-06: no receiver gives an earlier time.
@@ -22,8 +23,10 @@ GPS_FROM_S = 315_964_800.0
 #: Factors of epochs to seconds, by the magnitude of the numbers.
 _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
 _OF_DAY = re.compile(
-    r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?\s*(Z|(?:UTC|GMT)?(?:[+-]\d{2}(?::?\d{2})?)?)$"
+    r"(\d{1,2})[:h](\d{2})(?:[:m](\d{2}(?:[.,]\d*)?)s?)?\s*([AaPp]\.?[Mm])?\.?\s*(Z|(?:UTC|GMT)?(?:[+-]\d{2}(?::?\d{2})?)?)$"
 )
+#: Minutes and seconds.
+_OF_HOUR = re.compile(r"([0-5]?\d):([0-5]\d(?:[.,]\d*)?)")
 _FOUR_DIGITS = re.compile(r"(\d{2})(\d{2})")
 #: Spreadsheets remove a leading zero.
 _SIX_DIGITS = re.compile(r"(\d{1,2})(\d{2})(\d{2}(?:\.\d*)?)")
@@ -116,6 +119,24 @@ def _of_day(text: str) -> float:
     if (match := _FOUR_DIGITS.fullmatch(text)) and int(match[1]) < 24 and int(match[2]) < 60:
         return int(match[1]) * 3600.0 + int(match[2]) * 60.0
     return float("nan")
+
+
+def of_hour_s(texts: Sequence[str]) -> Array | None:
+    """Seconds (n,) of the hour of times such as "34:05.2", NaN for others; None if hours and minutes may be meant.
+
+    Spreadsheets leave out the hours of times with fractions of a second.
+    """
+    found = [_OF_HOUR.fullmatch(text.strip()) for text in texts]
+    values = [(float(match[1]), float(match[2].replace(",", "."))) if match else (np.nan, np.nan) for match in found]
+    minutes, seconds_ = np.array(values).reshape(-1, 2).T
+    is_of_hour = (minutes >= 24.0).any() or (seconds_ % 1.0 > 0.0).any()
+    return 60.0 * minutes + seconds_ if is_of_hour and np.isfinite(minutes).mean() > 0.5 else None
+
+
+def of_gps_weeks(weeks: Array, of_week: Array) -> Array:
+    """Seconds since 1970 (n,) of GPS weeks and their seconds or milliseconds, with the 18 leap seconds since 2017."""
+    of_week_s = of_week * (1e-3 if np.nanmax(of_week, initial=0.0) > _WEEK_S else 1.0)
+    return GPS_FROM_S + weeks * _WEEK_S + of_week_s - 18.0
 
 
 def are_six_digits(texts: Sequence[str]) -> bool:
