@@ -156,8 +156,10 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     depth_name = header[indices["depth"]]
     upward = depth_name not in _DEPTH
     _check_marks(arrays["depth"], lines, f"{path}:", depth_name)
-    arrays["depth"] *= _stated_units(path, header, indices, texts, lines)
+    unit_m, by_column = _stated_units(path, header, indices, texts, lines)
+    arrays["depth"] *= unit_m
     vehicles = texts.get(header.index("vehicle")) if "vehicle" in header else None
+    used = {*indices.values(), *by_column, *(i for i, name in enumerate(header) if name == "vehicle")}
     return SoundingsTable(
         path=path,
         lines=lines,
@@ -174,14 +176,14 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         if "north_std" not in arrays
         else np.column_stack([arrays["north_std"], arrays["east_std"]]),
         tvu_m=arrays.get("tvu"),
-        unused=tuple(n for i, n in enumerate(header) if n not in _OF_EXPORT and i not in {*indices.values(), *texts}),
+        unused=tuple(n for i, n in enumerate(header) if n not in _OF_EXPORT and i not in used),
     )
 
 
 def _stated_units(
     path: Path, header: list[str], indices: dict[str, int], texts: dict[int, list[str]], lines: NDArray[np.int64]
-) -> Array | float:
-    """Metres per unit of each depth (n,), or of all of them, as a column of units states them.
+) -> tuple[Array | float, list[int]]:
+    """Metres per unit of each depth (n,), or of all of them, and the number of the column that states them, if any.
 
     Raises:
         SoundingsError: if one is not understood, or may be the unit of another column.
@@ -191,7 +193,7 @@ def _stated_units(
     column = None if header[depth].endswith("_m") else unit_column(names, depth, without_unit)
     stated = None if column is None else stated_units(texts[column.number], column)
     if column is None or stated is None:
-        return 1.0
+        return 1.0, []
     name, cells = header[column.number], texts[column.number]
     cure = "Convert the depths to metres, and name their column depth_m"
     for i in np.flatnonzero(np.isnan(stated))[:1]:
@@ -200,7 +202,7 @@ def _stated_units(
     for i in np.flatnonzero(stated != 1.0)[: not column.is_clear]:
         what = f"the column {name}, with {cells[i][:20]!r}, may state the unit of another column than {header[depth]}"
         raise SoundingsError(f"{path}: {what}. {cure}")
-    return stated
+    return stated, [column.number]
 
 
 def _check_marks(values: Array, lines: NDArray[np.int64], where: str, name: str) -> None:
@@ -263,7 +265,7 @@ def _number(text: str, key: str, where: str) -> float:
     if key in _UNCERTAINTIES:
         return _uncertainty(text, where)
     try:
-        value = float(text)
+        value = math.nan if "_" in text else float(text)  # Python reads 1_000
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

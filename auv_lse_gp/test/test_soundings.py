@@ -216,6 +216,15 @@ def test_a_column_of_other_units_changes_no_depth(tmp_path, names, row):
     path = tmp_path / "s.csv"
     path.write_text(f"{HEADER},{names}\n1,2,{row}\n2,3,{row}\n")
     assert read_soundings(path)[:, 2].tolist() == [3.0, 3.0]
+    assert ("unit" in read_table(path).unused_note) is not row.endswith("metri")
+
+
+@pytest.mark.parametrize("number", ["1_2.5", "1_000", "_1"])
+def test_a_number_has_no_underscore(tmp_path, number):
+    path = tmp_path / "s.csv"
+    path.write_text(f"{HEADER},depth\n1,2,{number}\n")
+    with pytest.raises(SoundingsError, match=rf"s\.csv:2: depth is '{number}'"):
+        read_soundings(path)
 
 
 @pytest.mark.parametrize(
@@ -242,6 +251,6 @@ def test_columns_that_are_not_read_are_listed(tmp_path):
     path.write_text("east_m,north_m,depth_m,s44_order,altitude,depth_unit\n1,2,3,special,2.0,m\n")
     notes: list[str] = []
     read_soundings_and_origin(path, notes)
-    assert notes == ["columns not used: altitude"]
+    assert notes == ["columns not used: altitude, depth_unit"]
     path.write_text("east_m,north_m,depth_m\n1,2,3\n")
     assert read_table(path).unused_note == ""
