@@ -180,9 +180,9 @@ def _ground(
     data: Any, path: Path, config: BathymetryConfig, origin: tuple[float, float] | None, about: Sequence[str] = ()
 ) -> GridGround:
     """Ground from an opened raster, with notes about its choice."""
-    block = _nodes_per_block(data)
-    check_nodes(str(path), data.height, data.width, block)
     band, notes = _band(data, path)
+    block = _nodes_per_block(data, band)
+    check_nodes(str(path), data.height, data.width, block)
     notes = [*about, *notes]
     said, crs = _meaning(data, band, path)
     _check_no_picture(data, band, said, path, config)
@@ -192,7 +192,6 @@ def _ground(
     if transform.is_identity and data.driver != "netCDF":
         raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
     grid = _averaged(data, band, block)
-    transform @= transform.scale(block)
     if np.iscomplexobj(grid):
         raise GroundError(f"{path}: its values are complex numbers, which are not depths")
     scale, offset = data.scales[band - 1], data.offsets[band - 1]
@@ -207,11 +206,11 @@ def _ground(
         notes.append(f"scale {scale:g} and offset {offset:g} of the file applied")
     if said.unit_m != 1.0:
         notes.append(f"converted from units of {said.unit_m:g} m")
-    rows, columns = values.shape
-    x = transform.c + transform.a * (np.arange(columns) + 0.5)
-    y = transform.f + transform.e * (np.arange(rows) + 0.5)
+    x = transform.c + transform.a * (np.arange(data.width) + 0.5)
+    y = transform.f + transform.e * (np.arange(data.height) + 0.5)
     if data.driver == "netCDF":
         x, y = _netcdf_axes(data, path, x, y)
+    x, y = (axis[: len(axis) // block * block].reshape(-1, block).mean(axis=1) for axis in (x, y))
     if y[0] > y[-1]:
         y, values = y[::-1], values[::-1]
     if x[0] > x[-1]:
@@ -219,12 +218,12 @@ def _ground(
     return raster_ground(path, x, y, values, crs, config, origin, replace(said, notes=tuple(notes)))
 
 
-def _nodes_per_block(data: Any) -> int:
+def _nodes_per_block(data: Any, band: int) -> int:
     """Number of nodes along the side of a block of which the mean is read, so that a large raster fits into memory.
 
-    Axes of a netCDF file have a value per node, so it is read as it is.
+    GDAL's means take values outside of a valid range for known, so a netCDF band with one is read as it is.
     """
-    if data.driver == "netCDF":
+    if any(key.startswith("valid_") for key in data.tags(band)):
         return 1
     return min(math.ceil(math.sqrt(data.height * data.width / MAX_GRID_NODES)), MAX_BLOCK) or 1
 

@@ -5,6 +5,7 @@ import pytest
 from ground_helpers import bottom
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_sim.ground import gdal_ground, grid_ground
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
 
@@ -16,15 +17,15 @@ DOWN = BathymetryConfig(depth_sign="down")
 HOLE = np.s_[:4, :5]
 
 
-def netcdf(path, variables):
-    """Writes a classic netCDF file of {name: (values, attributes)}."""
+def netcdf(path, variables, turn=1):
+    """Writes a classic netCDF file of {name: (values, attributes)}; `turn` is -1 for rows from the north."""
     from scipy.io import netcdf_file
 
     with netcdf_file(path, "w") as file:
         for name, start, step, unit in (("lat", 47.0, 9e-5, "degrees_north"), ("lon", 9.0, 1.3e-4, "degrees_east")):
             file.createDimension(name, 41)
             axis = file.createVariable(name, "f8", (name,))
-            axis[:], axis.units = start + step * np.arange(41), unit
+            axis[:], axis.units = (start + step * np.arange(41))[:: turn if name == "lat" else 1], unit
         for name, (values, attributes) in variables.items():
             variable = file.createVariable(name, values.dtype.str[1:], ("lat", "lon"))
             variable[:] = values
@@ -114,3 +115,21 @@ def test_the_variable_named_by_the_word_alone_is_used_and_the_others_are_reporte
         load_ground(netcdf(tmp_path / "b.nc", {name: others[name] for name in ("elevation_min", "elevation_max")}))
     with pytest.raises(GroundError, match=r"has the variables depth, elevation; which are the depths\?"):
         load_ground(netcdf(tmp_path / "c.nc", {"depth": (-elevation, {}), "elevation": (elevation, {})}))
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_grid_with_too_many_nodes_is_read_as_means_of_blocks(tmp_path, monkeypatch, turn):
+    values = filled(-9999.0)
+    data = {"depth": (values, {"missing_value": np.float32(-9999.0)})}
+    fine = load_ground(netcdf(tmp_path / "depth.nc", data), DOWN, origin=(47.0, 9.0))
+    for module in (gdal_ground, grid_ground):
+        monkeypatch.setattr(module, "MAX_GRID_NODES", 500)
+    path = netcdf(tmp_path / "large.nc", {"depth": (values[::turn], data["depth"][1])}, turn)
+    coarse = load_ground(path, DOWN, origin=(47.0, 9.0))
+    assert "means of 2 x 2 nodes, as it has 41 x 41" in coarse.describe()
+    at = np.meshgrid(np.linspace(60.0, 350.0, 20), np.linspace(60.0, 350.0, 20))
+    assert coarse.depth_m(*at) == pytest.approx(fine.depth_m(*at), abs=0.3)  # means of 20 m
+    assert np.isnan(coarse.depth_m(10.0, 10.0))
+    ranged = netcdf(tmp_path / "ranged.nc", {"depth": (values, {"valid_min": np.float32(0.0)})})
+    with pytest.raises(GroundError, match=r"has 41 x 41 nodes, more than 500\. Cut the grid"):
+        load_ground(ranged, DOWN)
