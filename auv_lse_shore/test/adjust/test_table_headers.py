@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from adjust.survey_logs import START_S
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
@@ -276,3 +277,43 @@ def test_a_proposal_has_both_orders_of_latitude_and_longitude_that_the_values_al
     with pytest.raises(LogError, match=r"look like: --columns lat,lon,elevation") as raised:
         gathered(tmp_path, data)
     assert (", or lon,lat,elevation if longitude comes first" in str(raised.value)) == other
+
+
+@pytest.mark.parametrize(
+    ("above", "unit_m"),
+    [
+        ("time,latitude,longitude,depth\nUTC,degrees_north,degrees_east,m", 1.0),
+        ("time,latitude,longitude,depth\nUTC,degrees_north,degrees_east,ft", 0.3048),
+        ("Survey,Lake,north,2026\ntime,lat,lon,depth_ft", 0.3048),
+        ("Boat,Sensor,Sensor,Sensor\nutctime,gps latitude,gps longitude,water depth (ft)", 0.3048),
+    ],
+)
+def test_a_row_of_units_and_a_title_above_the_names(tmp_path, above, unit_m):
+    data = lines(above, lambda t, a, o, d: f"{utc(t)}Z,{a:.8f},{o:.8f},{d / unit_m:.3f}")
+    checked(gathered(tmp_path, data))
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("form", ["{i}", '"{i}"'])
+@pytest.mark.parametrize("sign", [",", " ", ";"])
+def test_numbers_of_rows_may_have_no_name(tmp_path, first, form, sign):
+    def row(t, a, o, d):
+        number = form.format(i=first + round(t - START_S))
+        return sign.join([number, f"{a:.8f}", f"{o:.8f}", "1.5", f"{d:.3f}", f"{utc(t)}Z"])
+
+    checked(gathered(tmp_path, lines(sign.join(["lat", "lon", "speed", "depth", "time"]), row)))
+
+
+@pytest.mark.parametrize("end", ["", "7", "a"])
+def test_seconds_that_count_up_are_no_numbers_of_rows(tmp_path, end):
+    data = lines("time,lat,lon,depth", lambda t, a, o, d: f"{t - START_S:.0f},{a:.8f},{o:.8f},{d:.3f},{end}")
+    checked(gathered(tmp_path, data, "--date", "2026-05-03T10:00:00Z"))
+
+
+@pytest.mark.parametrize(("header", "side"), [("LatN,LonE", 1.0), ("Lat,LonW", -1.0), ("Lat,Lon W", -1.0)])
+def test_a_side_at_the_end_of_a_name(tmp_path, header, side):
+    data = lines(f"{header},depth", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f}")
+    path = tmp_path / "table.txt"
+    path.write_text(data)
+    found = gather([path], user_facts(parser().parse_args([str(path)])))
+    assert found.origin[1] == pytest.approx(side * 6.6, abs=1e-4)

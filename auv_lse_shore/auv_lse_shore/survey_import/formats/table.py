@@ -17,7 +17,7 @@ from auv_lse_shore.survey_import.parsing.columns import (
     other_header,
     unused_columns,
     vehicles_of,
-    with_times_apart,
+    with_all_names,
 )
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
@@ -50,7 +50,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     if dialect is None:
         raise LogError(f"{file.path} has no columns of numbers.")
     options.used.add("columns")
-    dialect = dialect if options.columns else with_times_apart(dialect)
+    dialect = dialect if options.columns else with_all_names(dialect)
     columns = columns_for(file.path, dialect, options.columns, text)
     if not options.columns and (other := other_header(text, dialect, columns))[0]:
         raise LogError(

@@ -169,6 +169,8 @@ _DECIMALS = re.compile(r"\d[.,]\d{3,}")
 _ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
 #: As in "depth in feet".
 _PREPOSITION = re.compile(r"[\s_]+in[\s_]+(?=[a-z]+$)")
+#: As in LonW.
+_SIDE_AT_END = re.compile(r"(?<=[a-z])(?=[NSEW]$)")
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -189,7 +191,8 @@ _MOST_VEHICLES = 20
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
     """What a column's name means; None if it is not used."""
-    text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", name.strip().strip("\"'").lower()))
+    text = _SIDE_AT_END.sub(" ", name.strip().strip("\"'"))
+    text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", text.lower()))
     if match := _BRACKETS.search(text):
         unit = match[1].strip()
         text = _BRACKETS.sub("", text)
@@ -315,18 +318,28 @@ def unused_columns(header: Sequence[str], columns: dict[str, Column], dated_by: 
     return [name for number, name in enumerate(header) if number not in used and name]
 
 
-def with_times_apart(dialect: Dialect) -> Dialect:
-    """The dialect with two names where the header has one, of a date or a time, above both in columns of their own."""
-    if len(dialect.header) != dialect.width - 1 or not dialect.sample:
+def with_all_names(dialect: Dialect) -> Dialect:
+    """The dialect with a name for each column, where the header has one less than the rows have fields.
+
+    One name may stand for a date and a time, or the numbers of rows may have none, as R writes them. A row of names
+    below a title is no row of units.
+    """
+    header, rows = dialect.header, [row for row in dialect.sample if len(row) == dialect.width]
+    if is_complete(named_columns(dialect.units)) and not is_complete(named_columns(header, dialect.units)):
+        return with_all_names(dataclasses.replace(dialect, header=dialect.units, units=()))
+    if len(header) != dialect.width - 1 or not rows:
         return dialect
-    roles = [column.role if column else "" for column in map(column_of, itertools.count(), dialect.header)]
-    guess = proposal(dialect, [row for row in dialect.sample if len(row) == dialect.width])
+    guess, numbers = proposal(dialect, rows), numbers_of([row[0].strip('"') for row in rows], dialect.decimal_comma)
+    found, shifted = (named_columns(names) for names in (guess, ("", *header)))
+    if (np.diff(numbers) == 1.0).all() and is_complete(found) and is_complete(shifted):
+        is_r = _position(found) == _position(shifted)
+        return dataclasses.replace(dialect, header=("", *header), units=()) if is_r else dialect
+    roles = [column.role if column else "" for column in map(column_of, itertools.count(), header)]
     for number, role in enumerate(roles):
         is_one = role in ("date", "datetime") and not {"date", "datetime"} & {*roles[number + 1 : number + 2]}
         if is_one and guess[number : number + 2] == ["date", "time"]:
-            name = dialect.header[number]
-            names = (name, "time") if role == "date" else ("date", name)
-            header = (*dialect.header[:number], *names, *dialect.header[number + 1 :])
+            names = (header[number], "time") if role == "date" else ("date", header[number])
+            header = (*header[:number], *names, *header[number + 1 :])
             return dataclasses.replace(dialect, header=header, units=())
     return dialect
 
@@ -391,17 +404,25 @@ def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text:
     else:
         is_joined = any(not column_of(0, a) and column_of(0, a + b) for a, b in pairs)
         is_shifted = count > widest and (is_joined or any(column.number >= widest for column in columns.values()))
-    if is_shifted and is_complete(found) and _numbers(found) != _numbers(columns):
+    if (
+        is_shifted
+        and is_complete(found)
+        and {*_position(found), found[depth_role(found)].number}
+        != {
+            *_position(columns),
+            columns[depth_role(columns)].number,
+        }
+    ):
         raise LogError(
             f"{path} has {count} names in its header and {dialect.width} fields in its rows. By their values they look "
             f"like: --columns {','.join(guess)}."
         )
 
 
-def _numbers(columns: dict[str, Column]) -> set[int]:
-    """The numbers of the columns of positions and depths."""
+def _position(columns: dict[str, Column]) -> set[int]:
+    """The numbers of the columns of positions."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
-    return {columns[role].number for role in (*position, depth_role(columns))}
+    return {columns[role].number for role in position}
 
 
 def _or_swapped(dialect: Dialect, guess: list[str], text: str) -> str:

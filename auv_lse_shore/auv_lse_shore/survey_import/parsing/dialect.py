@@ -31,6 +31,8 @@ _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
 _OF_WORDS = re.compile(r"(?=.*[^\d\s.+-])[NSEW]?\s?[+-]?\d[\d:/.+-]*(\s+([+-]?\d[\d:/.+-]*|[^\W\d_]{1,9}\.?))+$")
 #: Rows that are converted at once: few, because Python searches many small lists for cycles again and again.
 _ROWS = 2_000
+#: Letters of the longest unit in a row of units, such as degrees_north.
+_LONGEST_UNIT = 16
 #: The longest line of a table.
 _LONGEST = 20_000
 
@@ -147,7 +149,7 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
     names = [row for row in before if len([cell for cell in row if cell and not is_number(cell)]) >= 2]
     header: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    if len(names) > 1 and len(names[-2]) == len(names[-1]) and max(map(len, names[-1])) <= 12:
+    if len(names) > 1 and len(names[-2]) == len(names[-1]) and max(map(len, names[-1])) <= _LONGEST_UNIT:
         header, units = tuple(names[-2]), tuple(names[-1])
     elif names:
         header = tuple(names[-1])
