@@ -316,3 +316,27 @@ def test_days_of_the_year_may_have_the_time_as_their_fraction(tmp_path):
         return f"2026,{(t - 1_767_225_600.0) / 86_400.0 + 1.0:.8f},{a:.8f},{o:.8f},{d:.3f}"
 
     checked(gathered(tmp_path, lines("year,doy,lat,lon,depth", row)))
+
+
+@pytest.mark.parametrize(
+    "count", [lambda t: t + 2_082_844_800, lambda t: (t + 11_644_473_600) * 1e7, lambda t: (t + 62_135_596_800) * 1e7]
+)
+def test_counts_of_labview_and_windows(tmp_path, count):
+    data = lines("time,lat,lon,depth", lambda t, a, o, d: f"{count(t):.0f},{a:.8f},{o:.8f},{d:.3f}")
+    checked(gathered(tmp_path, data))
+
+
+@pytest.mark.parametrize(("header", "asks"), [("gps_time", True), ("GPSTime", True), ("time", False)])
+def test_seconds_of_gps_may_count_from_1980(tmp_path, header, asks):
+    def row(t, a, o, d):
+        return f"{t - 315_964_800.0 * asks:.0f},{a:.8f},{o:.8f},{d:.3f}"
+
+    data = lines(f"{header},lat,lon,depth", row)
+    assert any("1980 as GPS does" in line for line in gathered(tmp_path, data).lines) is asks
+    if asks:
+        checked(gathered(tmp_path, data, "--date", "2026-05-03"))
+
+
+def test_stamps_of_ros_messages(tmp_path):
+    header = "header.stamp.sec,header.stamp.nanosec,latitude,longitude,depth"
+    checked(gathered(tmp_path, lines(header, lambda t, a, o, d: f"{t:.0f},5,{a:.8f},{o:.8f},{d:.3f}")))

@@ -122,7 +122,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "posixtime", "datumzeit", "zeitstempel", "fechahora", "horodatage", "datetimelocal", "localtime", "times",
         "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime", "timeboot",
         "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed", "datenum", "jd", "mjd",
-        "time1", "secondsofday", "secofday",
+        "time1", "secondsofday", "secofday", "headerstamp", "headerstampsec", "stamp", "stampsec",
     ),
     "gps_week": ("gpsweek", "gpswk", "gwk", "weeknumber", "week"),
     "of_week": (

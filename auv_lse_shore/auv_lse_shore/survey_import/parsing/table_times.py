@@ -33,8 +33,8 @@ from auv_lse_shore.survey_import.parsing.times import (
     days,
     full_year,
     header_zone_s,
+    of_counts,
     of_day_s,
-    of_days,
     of_gps_weeks,
     of_hour_s,
     offsets_s,
@@ -271,14 +271,19 @@ def _from_numbers(
 ) -> tuple[Clock, Array]:
     """Epochs, seconds of a day with a date, or seconds from a start."""
     low, unit_s = float(np.nanmin(numbers)), factor_of(column.unit, TIME_UNITS)
-    if not unit_s and (counted := of_days(numbers)):
-        days_s, is_utc = counted
+    if not unit_s and (counted := of_counts(numbers)):
+        times, is_utc = counted
         is_utc = is_utc or "utc" in column.name.lower()
-        return Clock.UTC if is_utc else Clock.LOCAL, days_s - header_zone_s(column.name)
+        return Clock.UTC if is_utc else Clock.LOCAL, times - header_zone_s(column.name)
     times = seconds(numbers)
     if unit_s and low * unit_s < UTC_FROM_S:
         times = numbers * unit_s
     if float(np.nanmin(times)) > 0.3 * UTC_FROM_S:
+        if "gps" in column.name.lower():
+            content.notes.append(
+                f"column {column.name} is taken as seconds since 1970 (--date gives the first day, if it counts from "
+                "1980 as GPS does)"
+            )
         return Clock.UTC, times
     if has_date(table.columns) and float(np.nanmax(times)) <= 86_401.0:
         dates = _dates(table)

@@ -37,15 +37,20 @@ _COMPACT = re.compile(r"\s*((?:19|20)\d{6})T?[ _-]?(\d{2})(\d{2})(\d{2}(?:\.\d*)
 #: A day of a spreadsheet that is no 4-03-25 without signs, and their first one (s since 1970: 1899-12-30).
 _SERIAL = re.compile(r"[2-7](?:3[2-9]|[4-9]\d)\d\d(\.0*)?")
 SERIAL_FROM_S = -25_569.0 * 86_400.0
-#: Counts of days at 1970 and at the latest one: of spreadsheets, modified Julian, Matlab, Julian; and whether of UTC.
-_DAY_COUNTS = (
-    (25_569.0, 51_544.0, False),
-    (40_587.0, 65_500.0, True),  # below 51,544 they look like those of a spreadsheet
-    (719_529.0, 745_000.0, False),
-    (2_440_587.5, 2_465_500.0, True),
+#: Counts at 1970 and at the latest time, their unit (s), and whether they are of UTC: days of spreadsheets, modified
+#: Julian days (below 51,544 they look like those), Matlab's, Julian ones; LabVIEW's seconds, and ticks of Windows and
+#: of .NET.
+_COUNTS = (
+    (25_569.0, 51_544.0, 86_400.0, False),
+    (40_587.0, 65_500.0, 86_400.0, True),
+    (719_529.0, 745_000.0, 86_400.0, False),
+    (2_440_587.5, 2_465_500.0, 86_400.0, True),
+    (2_082_844_800.0, 4.23e9, 1.0, True),
+    (1.16444736e17, 1.38e17, 1e-7, True),
+    (6.21355968e17, 6.43e17, 1e-7, False),
 )
-#: Most days between two times of a table; more are seconds (a ping each 14 minutes, or a hundred each second).
-_DAYS_APART = 0.01
+#: Most time (s) between two counts of a table: a ping each 14 minutes, or else a count of days is one of seconds.
+_COUNTS_APART_S = 864.0
 #: A year and the day in it, as in 2025-165.
 _YEAR_DAY = re.compile(r"((?:19|20)\d{2})-?(\d{3})$")
 #: Months by the beginnings of their English, German, French, Spanish and Italian names.
@@ -86,14 +91,14 @@ def seconds(values: Array) -> Array:
         return values * factor
 
 
-def of_days(numbers: Array) -> tuple[Array, bool] | None:
-    """Seconds since 1970 of days (n,) with the time as their fraction, and whether they are of UTC; None for others."""
+def of_counts(numbers: Array) -> tuple[Array, bool] | None:
+    """Seconds since 1970 of days or ticks (n,) since another beginning, and whether of UTC; None for others."""
     known = np.unique(numbers[np.isfinite(numbers)])
-    if len(known) < 2 or np.median(np.diff(known)) > _DAYS_APART or not (known % 1.0 != 0.0).any():
+    if len(known) < 2:
         return None
-    for first, last, is_utc in _DAY_COUNTS:
-        if first < known[0] and known[-1] < last:
-            return (numbers - first) * 86_400.0, is_utc
+    for first, last, unit_s, is_utc in _COUNTS:
+        if first < known[0] and known[-1] < last and np.median(np.diff(known)) * unit_s <= _COUNTS_APART_S:
+            return (numbers - first) * unit_s, is_utc
     return None
 
 
