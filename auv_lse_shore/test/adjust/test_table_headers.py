@@ -317,3 +317,27 @@ def test_a_side_at_the_end_of_a_name(tmp_path, header, side):
     path.write_text(data)
     found = gather([path], user_facts(parser().parse_args([str(path)])))
     assert found.origin[1] == pytest.approx(side * 6.6, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "HF Depth (ft),LF Depth (ft)",
+        "Depth 200kHz (ft),Depth 30 kHz (ft)",
+        "depth_hf_ft,depth_lf_ft",
+        "200kHz_depth_ft,x",
+        "Depth (200 kHz) [ft],Depth (30 kHz) [ft]",
+    ],
+)
+def test_depths_of_several_frequencies(tmp_path, names):
+    found = gathered(
+        tmp_path, lines(f"lat,lon,{names},time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / 0.3048:.3f},99,{utc(t)}Z")
+    )
+    checked(found)
+    assert f"columns not used: {names.partition(',')[2]}" in found.lines[0]
+
+
+@pytest.mark.parametrize("name", ["half", "shelf", "depth_std_lf", "hfx"])
+def test_what_only_ends_like_a_frequency_is_no_depth(tmp_path, name):
+    with pytest.raises(LogError, match="a position or a depth is not among them"):
+        gathered(tmp_path, lines(f"lat,lon,{name}", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f}"))

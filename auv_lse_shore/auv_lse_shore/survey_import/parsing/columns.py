@@ -171,6 +171,8 @@ _ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
 _PREPOSITION = re.compile(r"[\s_]+in[\s_]+(?=[a-z]+$)")
 #: As in LonW.
 _SIDE_AT_END = re.compile(r"(?<=[a-z])(?=[NSEW]$)")
+#: Which of a sounder's frequencies a depth is of.
+_FREQUENCY = re.compile(r"[(\[\s_]*(?:\d{2,3}[\s_]*khz|(?<![a-z])[hl]f)(?![a-z])[)\]]?")
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -192,7 +194,7 @@ _MOST_VEHICLES = 20
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
     """What a column's name means; None if it is not used."""
     text = _SIDE_AT_END.sub(" ", name.strip().strip("\"'"))
-    text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", text.lower()))
+    text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", _FREQUENCY.sub("", text.lower())))
     if match := _BRACKETS.search(text):
         unit = match[1].strip()
         text = _BRACKETS.sub("", text)
