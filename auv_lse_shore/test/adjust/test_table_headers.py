@@ -341,3 +341,54 @@ def test_depths_of_several_frequencies(tmp_path, names):
 def test_what_only_ends_like_a_frequency_is_no_depth(tmp_path, name):
     with pytest.raises(LogError, match="a position or a depth is not among them"):
         gathered(tmp_path, lines(f"lat,lon,{name}", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f}"))
+
+
+@pytest.mark.parametrize("zone", ["UTC", "AM", "CEST"])
+@pytest.mark.parametrize("header", ["lat lon depth_ft time", "Date lat lon depth_ft", "lat lon datetime depth_ft"])
+def test_a_zone_or_half_of_the_day_behind_a_date_and_a_time_below_one_name(tmp_path, header, zone):
+    def row(t, a, o, d):
+        cells = {"lat": f"{a:.8f}", "lon": f"{o:.8f}", "depth_ft": f"{d / 0.3048:.3f}"}
+        return " ".join(cells.get(name, f"{utc(t, '%Y-%m-%d %I:%M:%S')} {zone}") for name in header.split())
+
+    found = gathered(tmp_path, lines(header, row))
+    checked(found)
+    assert any("--utc-offset" in line for line in found.lines) is (zone != "UTC")
+
+
+@pytest.mark.parametrize("sign", ["\t", ";", ",", "|"])
+def test_words_in_cells_make_no_table_with_blanks(tmp_path, sign):
+    def row(t, a, o, d):
+        cells = [
+            utc(t, "%Y-%m-%d %H:%M:%S"),
+            f"{a:.8f}",
+            "N",
+            f"{o:.8f}",
+            "E",
+            f"{d / 0.3048:.3f}",
+            "run 1",
+            "mud or sand",
+        ]
+        return sign.join(cells)
+
+    names = ["Date Time", "Lat", "N/S", "Lon", "E/W", "Depth (ft)", "Line Name", "Bottom Type"]
+    checked(gathered(tmp_path, lines(sign.join(names), row)))
+
+
+def test_a_table_with_blanks_may_have_one_tab_in_its_rows(tmp_path):
+    data = lines("lat lon\tdepth_ft time", lambda t, a, o, d: f"{a:.8f} {o:.8f}\t{d / 0.3048:.3f} {utc(t)}Z")
+    checked(gathered(tmp_path, data))
+    data = lines("lat lon depth_ft", lambda t, a, o, d: f"{a:.6f} {o:.6f} {d / 0.3048:.3f}".replace(".", ","))
+    checked(gathered(tmp_path, data), starts=None)
+
+
+@pytest.mark.parametrize("cell", ["run 1", "mud", "mud and sand"])
+def test_words_between_blanks_before_the_depth_shift_no_columns(tmp_path, cell):
+    data = lines("lat lon name depth_ft volt", lambda t, a, o, d: f"{a:.8f} {o:.8f} {cell} {d / 0.3048:.3f} 12.1")
+    if " " not in cell:
+        checked(gathered(tmp_path, data), starts=None)
+        checked(gathered(tmp_path, data.replace(" 12.1", " 12.1 13 ok")), starts=None)
+        return
+    columns = f"lat,lon,{'-,' * len(cell.split())}depth_ft,-"
+    with pytest.raises(LogError, match=f"names in its header.*--columns {columns}"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--columns", columns), starts=None)

@@ -321,26 +321,34 @@ def unused_columns(header: Sequence[str], columns: dict[str, Column], dated_by: 
 
 
 def with_all_names(dialect: Dialect) -> Dialect:
-    """The dialect with a name for each column, where the header has one less than the rows have fields.
+    """The dialect with a name for each column, where the header has fewer than the rows have fields.
 
-    One name may stand for a date and a time, or the numbers of rows may have none, as R writes them. A row of names
-    below a title is no row of units.
+    One name may stand for a date and a time, also with AM or a zone, or the numbers of rows may have none, as R writes
+    them. A row of names below a title is no row of units.
     """
     header, rows = dialect.header, [row for row in dialect.sample if len(row) == dialect.width]
     if is_complete(named_columns(dialect.units)) and not is_complete(named_columns(header, dialect.units)):
         return with_all_names(dataclasses.replace(dialect, header=dialect.units, units=()))
-    if len(header) != dialect.width - 1 or not rows:
+    missing = dialect.width - len(header)
+    if missing not in (1, 2) or not rows:
         return dialect
     guess, numbers = proposal(dialect, rows), numbers_of([row[0].strip('"') for row in rows], dialect.decimal_comma)
     found, shifted = (named_columns(names) for names in (guess, ("", *header)))
-    if (np.diff(numbers) == 1.0).all() and is_complete(found) and is_complete(shifted):
-        is_r = _position(found) == _position(shifted)
+    if missing == 1 and (np.diff(numbers) == 1.0).all() and is_complete(found) and is_complete(shifted):
+        is_r = _numbers(found, with_depth=False) == _numbers(shifted, with_depth=False)
         return dataclasses.replace(dialect, header=("", *header), units=()) if is_r else dialect
     roles = [column.role if column else "" for column in map(column_of, itertools.count(), header)]
     for number, role in enumerate(roles):
         is_one = role in ("date", "datetime") and not {"date", "datetime"} & {*roles[number + 1 : number + 2]}
         if is_one and guess[number : number + 2] == ["date", "time"]:
-            names = (header[number], "time") if role == "date" else ("date", header[number])
+            names = [header[number], "time"] if role == "date" else ["date", header[number]]
+            behind = {row[number + 2].upper() for row in rows} if missing == 2 else set()
+            if behind <= {"AM", "PM"}:
+                names += ["ampm"] * (missing == 2)
+            elif len(behind) == 1 and max(behind).isalpha():  # a zone
+                names[1:] = [f"{names[1]} ({max(behind)})", ""]
+            else:
+                continue
             header = (*header[:number], *names, *header[number + 1 :])
             return dataclasses.replace(dialect, header=header, units=())
     return dialect
@@ -399,32 +407,29 @@ def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text:
     if dialect.delimiter != " " or count == dialect.width:
         return
     rows = rows_across(text, dialect)
-    guess, widest = proposal(dialect, rows), max(map(len, rows), default=0)
+    unit = columns[depth_role(columns)].unit
+    guess = [f"{name}_{unit}" if name == "depth" and unit in METRES else name for name in proposal(dialect, rows)]
+    widest = max(map(len, rows), default=0)
     found, pairs = named_columns(guess), itertools.pairwise(dialect.header)
     if count < dialect.width:
         is_shifted = "date" not in columns and ("date", "time") in itertools.pairwise(guess)
+        whole = [row for row in rows if len(row) == dialect.width]
+        words = [i for i, name in enumerate(guess) if name == "-" and all(row[i].isalpha() for row in whole)]
+        is_shifted |= any(i < columns[depth_role(columns)].number for i in words)  # as of "run 1"
     else:
         is_joined = any(not column_of(0, a) and column_of(0, a + b) for a, b in pairs)
         is_shifted = count > widest and (is_joined or any(column.number >= widest for column in columns.values()))
-    if (
-        is_shifted
-        and is_complete(found)
-        and {*_position(found), found[depth_role(found)].number}
-        != {
-            *_position(columns),
-            columns[depth_role(columns)].number,
-        }
-    ):
+    if is_shifted and is_complete(found) and _numbers(found) != _numbers(columns):
         raise LogError(
             f"{path} has {count} names in its header and {dialect.width} fields in its rows. By their values they look "
             f"like: --columns {','.join(guess)}."
         )
 
 
-def _position(columns: dict[str, Column]) -> set[int]:
-    """The numbers of the columns of positions."""
+def _numbers(columns: dict[str, Column], with_depth: bool = True) -> set[int]:
+    """The numbers of the columns of positions and depths, or of positions alone."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
-    return {columns[role].number for role in position}
+    return {columns[role].number for role in (*position, *[depth_role(columns)] * with_depth)}
 
 
 def _or_swapped(dialect: Dialect, guess: list[str], text: str) -> str:
