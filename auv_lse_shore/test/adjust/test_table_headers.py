@@ -392,3 +392,30 @@ def test_words_between_blanks_before_the_depth_shift_no_columns(tmp_path, cell):
     with pytest.raises(LogError, match=f"names in its header.*--columns {columns}"):
         gathered(tmp_path, data)
     checked(gathered(tmp_path, data, "--columns", columns), starts=None)
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("Lat N/S Lon E/W Depth_ft Time", "{a:.8f} N {o:.8f} E {f:.3f} {time:%Y-%m-%dT%H:%M:%SZ}"),
+        ("Date Time Lat N/S Lon E/W Depth_ft", "{time:%Y-%m-%d %H:%M:%S} {a:.8f} N {o:.8f} E {f:.3f}"),
+        (
+            "time\tTemp (C)\tLat\tLon\tDepth (ft)",
+            "{time:%Y-%m-%d %H:%M:%S} UTC\t12.3\tN 46 {m:.6f}\tE 6 {u:.6f}\t{f:.3f}",
+        ),
+        (
+            "Date\tTime\tSats\tLat\tN/S\tLon\tE/W\tDepth_ft",
+            "{time:%Y-%m-%d\t%H:%M:%S}\t12\t{a:.8f}\tN\t{o:.8f}\tE\t{f:.3f}",
+        ),
+        ("Speed;Time;Lat;Lon;Name;Depth_ft", "3.9;{time:%d %b %Y %H:%M:%S};{a:.8f};{o:.8f};run 1;{f:.3f}"),
+        ("Lat_deg Lon_deg Depth_ft Time", "{a:.8f} {o:.8f} {f:.3f} {time:%Y-%m-%dT%H:%M:%SZ}"),
+    ],
+)
+@pytest.mark.parametrize("comma", [False, True])
+def test_commas_in_numbers_do_not_split_cells_of_words(tmp_path, header, row, comma):
+    def written(t, a, o, d):
+        numbers = {"a": a, "o": o, "f": d / 0.3048, "m": a % 1 * 60, "u": o % 1 * 60}
+        text = row.format(time=datetime.fromtimestamp(t, UTC), **numbers)
+        return text.replace(".", ",") if comma else text
+
+    checked(gathered(tmp_path, lines(header, written)))

@@ -27,8 +27,14 @@ _BRACKETED = re.compile(r"\S[^\s(\[{]*(?:\s*[(\[{][^)\]}]*[)\]}])*")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
-#: A date with its time, an angle, or a number with its unit in one cell; numbers alone are in several.
-_OF_WORDS = re.compile(r"(?=.*[^\d\s.+-])[NSEW]?\s?[+-]?\d[\d:/.+-]*(\s+([+-]?\d[\d:/.+-]*|[^\W\d_]{1,9}\.?))+$")
+#: Cells of words: a date with its time, a time with AM or a zone, an angle, and a number with its unit.
+_OF_WORDS = re.compile(
+    r"(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}[-/ .]{1,2}[^\W\d]{3,9}[-/ .,]{1,2}\d{2,4})"
+    r" \d{1,2}:[\d:.,]+( [A-Za-z.]{2,5}){0,2}"
+    r"|\d{1,2}:\d{2}[\d:.]* [A-Za-z.]{2,5}"
+    r"|(?=.*[NSEW°º'])[NSEW]? ?\d{1,3}[°º]?([- ]? ?\d[\d.]*['′]?){0,2}[\"″]? ?[NSEW]?"
+    r"|[+-]?\d[\d.]* [^\W\d]{1,9}"
+)
 #: Rows that are converted at once: few, because Python searches many small lists for cycles again and again.
 _ROWS = 2_000
 #: Letters of the longest unit in a row of units, such as degrees_north.
@@ -113,7 +119,7 @@ def dialect_of(text: str) -> Dialect | None:
 
 def _values_in(cells: list[str]) -> int:
     """How many cells are numbers, angles, dates or times."""
-    return sum(1 for cell in cells if _MARK.match(cell) or is_number(cell) or _OF_WORDS.match(cell))
+    return sum(1 for cell in cells if _MARK.match(cell) or is_number(cell) or _OF_WORDS.fullmatch(cell))
 
 
 def _score(rows: list[list[str]]) -> float:
