@@ -205,6 +205,7 @@ def test_one_name_for_a_date_and_a_time_in_two_columns(tmp_path, sign, header, f
         ("date time lat lon depth", "{date} {time} {a:.8f} {o:.8f} {d:.3f} 7"),
         ("time date lat lon depth", "{time} {date} {a:.8f} {o:.8f} {d:.3f} 7"),
         ("time lat lon depth", "{t:.0f} {a:.8f} {o:.8f} {d:.3f} 7"),
+        ("date time lat lon depth", "{date} {time} {a:.8f} {o:.8f} {d:.3f} {date} {time}"),
         ("lat lon depth datetime", "{a:.8f} {o:.8f} {d:.3f} {date}T{time} 12:00"),
     ],
 )
@@ -384,7 +385,14 @@ def test_a_table_with_blanks_may_have_one_tab_in_its_rows(tmp_path):
 @pytest.mark.parametrize("cell", ["run 1", "mud", "mud and sand"])
 def test_words_between_blanks_before_the_depth_shift_no_columns(tmp_path, cell):
     data = lines("lat lon name depth_ft volt", lambda t, a, o, d: f"{a:.8f} {o:.8f} {cell} {d / 0.3048:.3f} 12.1")
-    if " " not in cell:
+    shifted = lines(
+        "name date time depth lat lon", lambda t, a, o, d: f"{cell} {utc(t, '%Y-%m-%d %H:%M:%S')} {d} {a} {o}"
+    )
+    if " " in cell:
+        with pytest.raises(LogError):
+            gathered(tmp_path, shifted)
+    else:
+        checked(gathered(tmp_path, shifted))
         checked(gathered(tmp_path, data), starts=None)
         checked(gathered(tmp_path, data.replace(" 12.1", " 12.1 13 ok")), starts=None)
         return
@@ -419,3 +427,9 @@ def test_commas_in_numbers_do_not_split_cells_of_words(tmp_path, header, row, co
         return text.replace(".", ",") if comma else text
 
     checked(gathered(tmp_path, lines(header, written)))
+
+
+def test_a_proposal_has_no_position_around_a_time(tmp_path):
+    data = lines("volt a b c d", lambda t, a, o, d: f"12.1 {1000 * t:.0f} {a:.8f} {o:.8f} {d:.3f}")
+    with pytest.raises(LogError, match="--columns -,time_ms,lat,lon,depth"):
+        gathered(tmp_path, data)

@@ -339,7 +339,8 @@ def with_all_names(dialect: Dialect) -> Dialect:
         return dataclasses.replace(dialect, header=("", *header), units=()) if is_r else dialect
     roles = [column.role if column else "" for column in map(column_of, itertools.count(), header)]
     for number, role in enumerate(roles):
-        is_one = role in ("date", "datetime") and not {"date", "datetime"} & {*roles[number + 1 : number + 2]}
+        beside = {*roles[max(number - 1, 0) : number + 2]} & {"date", "datetime"}
+        is_one = beside == {role} and roles.count(role) == 1
         if is_one and guess[number : number + 2] == ["date", "time"]:
             names = [header[number], "time"] if role == "date" else ["date", header[number]]
             behind = {row[number + 2].upper() for row in rows} if missing == 2 else set()

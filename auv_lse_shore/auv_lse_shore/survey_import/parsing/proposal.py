@@ -26,7 +26,8 @@ def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
         names[i] = _time_name(column, values[i]) or "-"
     free = [i for i in range(width) if names[i] == "-" and 2 * np.isfinite(values[i]).sum() > len(values[i])]
     for a, b in itertools.pairwise(free):
-        if pair := _pair(values[a], values[b]):
+        is_beside = all(name == "-" for name in names[a:b])  # with no time between, but perhaps hemispheres
+        if is_beside and (pair := _pair(values[a], values[b])):
             names[a], names[b] = pair
             free = [i for i in free if i not in (a, b)]
             # depth comes after the position, if it can
