@@ -142,13 +142,8 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
                 f"has {len(header)}"
             )
         for key, index in indices.items():
-            values[key].append(
-                _number(
-                    fields[index] if separator == "," else fields[index].replace(",", "."),
-                    key,
-                    f"{path}:{number}: {header[index]}",
-                )
-            )
+            field = fields[index] if separator == "," else fields[index].replace(",", ".")
+            values[key].append(_number(field, key, f"{path}:{number}: {header[index]}"))
         for index, found in texts.items():
             found.append(fields[index])
     arrays = {key: np.array(found) for key, found in values.items()}
@@ -158,8 +153,9 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     _check_marks(arrays["depth"], lines, f"{path}:", depth_name)
     unit_m, by_column = _stated_units(path, header, indices, texts, lines)
     arrays["depth"] *= unit_m
-    vehicles = texts.get(header.index("vehicle")) if "vehicle" in header else None
-    used = {*indices.values(), *by_column, *(i for i, name in enumerate(header) if name == "vehicle")}
+    vehicle = [i for i in texts if header[i] == "vehicle"][:1]
+    used = {*indices.values(), *by_column, *vehicle}
+    stds = [arrays[key] for key in ("north_std", "east_std") if key in arrays]
     return SoundingsTable(
         path=path,
         lines=lines,
@@ -171,10 +167,8 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         lat_deg=arrays.get("lat"),
         lon_deg=arrays.get("lon"),
         time_s=arrays.get("time"),
-        vehicles=None if vehicles is None else np.array(vehicles),
-        position_std_m=None
-        if "north_std" not in arrays
-        else np.column_stack([arrays["north_std"], arrays["east_std"]]),
+        vehicles=np.array(texts[vehicle[0]]) if vehicle else None,
+        position_std_m=np.column_stack(stds) if stds else None,
         tvu_m=arrays.get("tvu"),
         unused=tuple(n for i, n in enumerate(header) if n not in _OF_EXPORT and i not in used),
     )
