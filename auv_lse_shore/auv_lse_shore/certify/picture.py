@@ -16,7 +16,7 @@ def draw(final: FinalMap, path: Path) -> None:
     """Draws the probability of being at least the level deep, soundings, and the isobath's pieces."""
     grid, half = final.field.grid, 0.5 * final.field.grid.resolution_m
     extent = (grid.east_m[0] - half, grid.east_m[-1] + half, grid.north_m[0] - half, grid.north_m[-1] + half)
-    aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
+    aspect, north_to_east = figures.map_shape(extent)
     figure = figures.new_figure(figures.WIDTH_IN, min((figures.WIDTH_IN - 1.6) * aspect, 6.0) + 1.0)
     axis = figure.subplots()
     shown: dict[str, Any] = {
@@ -25,7 +25,7 @@ def draw(final: FinalMap, path: Path) -> None:
         "vmax": 1.0,
         "origin": "lower",
         "extent": extent,
-        "aspect": "equal",
+        "aspect": north_to_east,
     }
     image = axis.imshow(final.field.p_safe, **shown)
     for vehicle in final.run.vehicles:
@@ -33,8 +33,8 @@ def draw(final: FinalMap, path: Path) -> None:
     figures.draw_pieces(axis, final.pieces)
     axis.set_xlim(extent[:2])
     axis.set_ylim(extent[2:])
-    axis.set_xlabel("east (m)")
-    axis.set_ylabel("north (m)")
+    axis.set_xlabel(figures.axis_label("east", 1.0 / north_to_east))
+    axis.set_ylabel(figures.axis_label("north", north_to_east))
     add_graticule(axis, final.run.origin)
     bar = figures.add_color_bar(figure, image, axis, "At least the level deep?", ticks=[0.0, 0.5, 1.0])
     bar.ax.set_yticklabels(["surely\nshallower", "uncertain", "surely\ndeeper"])

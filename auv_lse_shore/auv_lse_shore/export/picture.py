@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from auv_lse_shore.export.formats.geotiff import rasterio
-from auv_lse_shore.report.figures import WIDTH_IN, add_color_bar, new_figure, save, styled
+from auv_lse_shore.report.figures import WIDTH_IN, add_color_bar, axis_label, map_shape, new_figure, save, styled
 from auv_lse_shore.report.map_marks import add_graticule
 
 #: Panels: file, title, unit, colors.
@@ -40,12 +40,17 @@ def draw_export(folder: Path, path: Path) -> None:
     """
     library = rasterio()
     features = json.loads((folder / "isobath.geojson").read_text())["features"]
-    figure = new_figure(WIDTH_IN, 3.75)
+    with library.open(folder / PANELS[0][0]) as file:
+        left, bottom, right, top = file.bounds
+    shape, north_to_east = map_shape((left, right, bottom, top))
+    figure = new_figure(WIDTH_IN, max(3.75, min((WIDTH_IN - 1.2) / len(PANELS) * shape, 6.0) + 1.6))
     axes = figure.subplots(1, len(PANELS), sharex=True, sharey=True)
     for axis, (name, title, unit, colors) in zip(axes, PANELS, strict=True):
         with library.open(folder / name) as file:
             values, (left, bottom, right, top), crs = file.read(1, masked=True), file.bounds, file.crs
-        image = axis.imshow(values, extent=(left, right, bottom, top), cmap=colors, origin="upper", aspect="equal")
+        image = axis.imshow(
+            values, extent=(left, right, bottom, top), cmap=colors, origin="upper", aspect=north_to_east
+        )
         layout = {"orientation": "horizontal", "shrink": 0.95, "pad": 0.02, "aspect": 24}
         add_color_bar(figure, image, axis, f"{title} ({unit})", **layout)
         for kind, style in LINES.items():
@@ -54,12 +59,12 @@ def draw_export(folder: Path, path: Path) -> None:
                     for line in feature["geometry"]["coordinates"]:
                         axis.plot(*_local(np.array(line), crs).T, **style)
         axis.set_title(name, family="DejaVu Sans Mono")
-        axis.set_xlabel("east (m)")
+        axis.set_xlabel(axis_label("east", 1.0 / north_to_east))
         axis.xaxis.set_major_locator(MaxNLocator(4))
     with (folder / "soundings.csv").open() as file:
         locations = np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(file)])
     axes[2].plot(*locations.T, ".", ms=0.6, color="white", alpha=0.7)
-    axes[0].set_ylabel("north (m)")
+    axes[0].set_ylabel(axis_label("north", north_to_east))
     for axis in axes:
         add_graticule(axis, _origin(crs), latitudes=axis is axes[-1])
     handles: list[Any] = [Line2D([], [], label=kind, **style) for kind, style in reversed(LINES.items())]

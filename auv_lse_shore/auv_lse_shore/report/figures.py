@@ -1,7 +1,7 @@
-"""Figures of a mission that are maps: north up, to scale, in colors for the color-blind, and helpers of all figures.
+"""Figures of a mission that are maps: north up, in colors for the color-blind, and helpers of all figures.
 
 Vehicles have the colors of Okabe and Ito (2008) and, from the ninth on, other dashes; risk has a perceptually uniform
-color map. Cells that are not evaluated are left out.
+color map. Cells that are not evaluated are left out. Maps are to scale, unless the area is far longer than wide.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ STYLE = {
 WIDTH_IN = 7.3
 DPI = 200
 LEGEND_COLUMNS = 7
+#: Largest ratio of a map's sides; a longer area is stretched across.
+MAX_ASPECT = 4.0
 
 
 def vehicle_style(index: int) -> dict[str, Any]:
@@ -104,8 +106,9 @@ def draw_map(axis: Any, e: Evaluation, values: Array, title: str, **scale: Any) 
         scale: Color map and limits, as of `imshow`.
     """
     extent, _ = map_extent(e)
+    _, north_to_east = map_shape(extent)
     shown = np.ma.masked_where(~e.scored, values)
-    image = axis.imshow(shown, origin="lower", extent=extent, aspect="equal", **scale)
+    image = axis.imshow(shown, origin="lower", extent=extent, aspect=north_to_east, **scale)
     axis.set_title(title)
     axis.set_facecolor("#ececec")
     axis.set_xlim(extent[0], extent[1])
@@ -155,7 +158,7 @@ def local_risk_error(e: Evaluation) -> Figure:
     columns = min(count, 3 if aspect >= 0.5 else 2)
     rows = math.ceil(count / columns)
     width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
-    panel_in = (width - 1.3) / columns * aspect + 0.45
+    panel_in = min((width - 1.3) / columns * aspect, 5.0) + 0.45
     handles = map_handles(e, truth=False, estimate=False)
     figure = new_figure(width, rows * panel_in + 0.7 + legend_in(handles))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
@@ -188,15 +191,21 @@ def depth_map(e: Evaluation) -> Figure:
         limit = float(np.nanpercentile(np.abs(error[e.scored]), 99.0)) or 1.0
         scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
         panels.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
-    panel_in = (WIDTH_IN - 2.2) / len(panels) * map_extent(e)[1] + 1.15
-    figure = new_figure(WIDTH_IN, panel_in + 0.8)
-    axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
+    aspect = map_extent(e)[1]
+    columns = len(panels) if aspect >= 0.5 else 1
+    if columns == 1:
+        panels_in, bars = len(panels) * ((WIDTH_IN - 1.6) * aspect + 0.3), {}
+    else:
+        panels_in = min((WIDTH_IN - 2.2) / columns * aspect, 7.5) + 1.15
+        bars = {"orientation": "horizontal", "shrink": 0.95, "pad": 0.02, "aspect": 24}
+    figure = new_figure(WIDTH_IN, panels_in + 0.8)
+    axes = figure.subplots(len(panels) // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for axis, (title, label, values, scale) in zip(axes, panels, strict=True):
         image = draw_map(axis, e, values, title, **scale)
         draw_isobath(axis, e.truth, "true")
         draw_pieces(axis, e.pieces)
-        add_color_bar(figure, image, axis, label, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
-    outer_labels(axes, len(panels), e.run.origin)
+        add_color_bar(figure, image, axis, label, **bars)
+    outer_labels(axes, columns, e.run.origin)
     lines = isobath_handles(e) + ([isobath_handle("true", "true isobath")] if e.truth else [])
     figure.legend(handles=lines, loc="outside lower center", ncols=4, handlelength=2.6)
     return figure
@@ -224,7 +233,7 @@ def navigation(e: Evaluation) -> Figure | None:
 
 
 def map_extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]:
-    """Extent (left, right, bottom, top) in m of the map's image, and its height / width."""
+    """Extent (left, right, bottom, top) in m of the map's image, and its height / width as drawn."""
     grid = e.team.grid
     half = 0.5 * grid.resolution_m
     extent = (
@@ -233,7 +242,18 @@ def map_extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]
         float(grid.north_m[0] - half),
         float(grid.north_m[-1] + half),
     )
-    return extent, (extent[3] - extent[2]) / (extent[1] - extent[0])
+    return extent, map_shape(extent)[0]
+
+
+def map_shape(extent: tuple[float, float, float, float]) -> tuple[float, float]:
+    """Height / width of a map as drawn, and the drawn length of a metre north relative to one east.
+
+    Args:
+        extent: Left, right, bottom, top (m).
+    """
+    aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
+    drawn = min(max(aspect, 1.0 / MAX_ASPECT), MAX_ASPECT)
+    return drawn, drawn / aspect
 
 
 def panel_size(aspect: float, columns: int) -> tuple[float, bool]:
@@ -252,10 +272,15 @@ def outer_labels(axes: Any, columns: int, origin: tuple[float, float] | None = N
         last = index % columns == columns - 1 or index == len(axes) - 1
         add_graticule(axis, origin, latitudes=last, longitudes=index < columns)
         if index % columns == 0:
-            axis.set_ylabel("north (m)")
+            axis.set_ylabel(axis_label("north", float(axis.get_aspect())))
         if index >= len(axes) - columns:
-            axis.set_xlabel("east (m)")
+            axis.set_xlabel(axis_label("east", 1.0 / float(axis.get_aspect())))
             axis.tick_params(labelbottom=True)
+
+
+def axis_label(name: str, stretch: float) -> str:
+    """Label of an axis in metres; `stretch`: the drawn length of its metre relative to one of the other axis."""
+    return f"{name} (m),\nstretched {stretch:.2g} times" if stretch >= 1.05 else f"{name} (m)"
 
 
 def draw_tracks(axis: Any, e: Evaluation, only: int | None = None, width: float = 1.25) -> None:

@@ -16,7 +16,7 @@ SIDES = LinearSegmentedColormap.from_list("sides", ["#e8d3a8", "#ffffff", "#a5c5
 @figures.styled
 def found(e: Evaluation) -> Figure:
     """The probability of being at least the level deep, the isobath by its certainty, and the tracks."""
-    height = min((figures.WIDTH_IN - 1.6) * figures.map_extent(e)[1], 6.0)
+    height = max(min((figures.WIDTH_IN - 1.6) * figures.map_extent(e)[1], 6.0), 2.2)
     handles = figures.map_handles(e, truth=bool(e.truth), estimate=True)
     figure = figures.new_figure(figures.WIDTH_IN, height + 0.65 + figures.legend_in(handles))
     axis = figure.subplots()

@@ -1,15 +1,20 @@
-"""Drawing on two cores: an error in one half waits for the other."""
+"""Maps keep their shape readable, and an error while drawing on two cores waits for the other half."""
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.report import report_figures
+from auv_lse_shore.report.figures import depth_map, local_risk_error, risk_maps
+from auv_lse_shore.report.found_figure import found
 
 
 def test_an_error_leaves_no_process_that_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,3 +30,32 @@ def test_an_error_leaves_no_process_that_still_writes(tmp_path: Path, monkeypatc
     with pytest.raises(ValueError, match="the first error"):
         report_figures.draw_all(None, tmp_path)  # type: ignore[arg-type]
     assert (tmp_path / "late").exists(), "else a removed folder would be written to"
+
+
+@pytest.mark.parametrize(
+    ("corners", "stretched"),
+    [
+        ([0.0, 0.0, 3000.0, 0.0, 3000.0, 80.0, 0.0, 80.0], "east (m),\nstretched 9.4 times"),
+        ([0.0, 0.0, 80.0, 0.0, 80.0, 3000.0, 0.0, 3000.0], "north (m),\nstretched 9.4 times"),
+        ([0.0, 0.0, 240.0, 0.0, 240.0, 300.0, 0.0, 300.0], None),
+    ],
+    ids=["river north", "river east", "lake"],
+)
+def test_a_map_of_a_river_is_no_thread(synthetic_run: Any, corners: list[float], stretched: str | None) -> None:
+    run = synthetic_run(steps=12)
+    run.parameters["/**"]["area"]["polygon_m"] = corners
+    run.parameters["/**"]["gp"]["map_resolution_m"] = 10.0
+    e = evaluate(dataclasses.replace(run, ground=None))
+    for draw in (found, risk_maps, local_risk_error, depth_map):
+        figure = draw(e)
+        FigureCanvasAgg(figure).draw()
+        width_in, height_in = figure.get_size_inches()
+        assert 1.9 <= height_in <= 12.0
+        maps = [axis for axis in figure.axes if axis.images and axis.get_label() != "<colorbar>"]
+        boxes = [axis.get_window_extent() for axis in maps]
+        assert min(min(box.width, box.height) for box in boxes) >= 0.08 * width_in * figure.dpi
+        labels = {label for axis in maps for label in (axis.get_xlabel(), axis.get_ylabel()) if label}
+        assert labels - {"east (m)", "north (m)"} == ({stretched} if stretched else set())
+        for axis in maps:
+            title = axis.title.get_window_extent() if axis.get_title() else axis.get_window_extent()
+            assert title.x1 <= width_in * figure.dpi + 1.0
