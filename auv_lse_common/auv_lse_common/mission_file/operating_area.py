@@ -133,6 +133,14 @@ class OperatingArea:
         low_n, high_n, low_e, high_e = self.extent_m
         return math.ceil(10.0 * math.sqrt((high_n - low_n) * (high_e - low_e) / MAX_CELLS)) / 10.0
 
+    def cell_m(self, size_m: float) -> float:
+        """The size (m) of cells for `grid` that is nearest to `size_m`, where it is not the user's choice.
+
+        It is at most half the largest distance to the border, so that several cells lie even across a narrow area, and
+        at least `finest_cell_m`.
+        """
+        return max(min(size_m, 0.5 * float(self._nodes.max())), self.finest_cell_m)
+
     def grid(self, resolution_m: float, name: str = "resolution_m") -> Grid:
         """Cells of `resolution_m` that cover the polygon's extent, aligned to multiples of the resolution.
 

@@ -1,4 +1,4 @@
-"""Counts in sentences: "1 vehicle", "3 vehicles"."""
+"""Counts and sizes in sentences: "1 vehicle", "3 vehicles", "40 m2", "1.2 ha"."""
 
 from __future__ import annotations
 
@@ -6,3 +6,8 @@ from __future__ import annotations
 def counted(count: int, what: str) -> str:
     """A count with its noun, whose plural ends in s."""
     return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def area_size(area_m2: float) -> str:
+    """The size of an area in the unit that suits it: m2 below 0.1 ha."""
+    return f"{area_m2 / 1e4:,.1f} ha" if area_m2 >= 1e3 else f"{area_m2:.0f} m2"

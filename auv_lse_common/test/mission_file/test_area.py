@@ -173,3 +173,16 @@ def test_too_many_cells_name_the_size_that_is_possible():
         area.grid(5.0, "cell_m")
     assert area.finest_cell_m == 20.0
     assert area.grid(area.finest_cell_m).inside.size <= 1_000_000
+
+
+def test_cells_of_a_given_size_are_smaller_in_a_narrow_area_and_larger_in_a_vast_one():
+    pool = OperatingArea(AreaConfig(polygon_m=(20.0, 18.0, 40.0, 18.0, 40.0, 28.0, 20.0, 28.0), raster_m=0.5))
+    assert 2.0 <= pool.cell_m(30.0) <= 2.5  # half the distance of its middle from the border
+    assert pool.cell_m(1.0) == 1.0
+    assert 20 <= pool.grid(pool.cell_m(30.0)).inside.sum() <= 60
+    reach = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 2000.0, 2000.0, 2000.0, 2030.0, 0.0, 30.0)))  # of a river
+    assert len(reach.grid(reach.cell_m(57.0)).locations_m) > 100
+    usual = OperatingArea(AreaConfig())
+    assert [usual.cell_m(size_m) for size_m in (5.0, 10.0, 30.0)] == [5.0, 10.0, 30.0]
+    vast = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 20e3, 0.0, 20e3, 20e3, 0.0, 20e3), raster_m=20.0))
+    assert vast.cell_m(10.0) == vast.finest_cell_m

@@ -231,7 +231,7 @@ def undiscovered_in_parts(
 def coarse_grid(area: OperatingArea, finest_m: float) -> Grid:
     """About `MAX_CELLS` cells over an area, of at least `finest_m`."""
     south, north, west, east = area.extent_m
-    return area.grid(max(finest_m, math.ceil(math.sqrt((north - south) * (east - west) / MAX_CELLS))))
+    return area.grid(max(finest_m, area.cell_m(math.ceil(math.sqrt((north - south) * (east - west) / MAX_CELLS)))))
 
 
 def expected_lengths(posterior: Posterior, cells: Array, scales: Array, level_m: float, cell_m: float) -> Array:

@@ -61,7 +61,7 @@ from auv_lse_planner.vehicle.until import Until
 
 Array = NDArray[np.float64]
 
-#: Least spacing (m) of the cells over which the gradient of a tour's reward is summed.
+#: Least spacing (m) of the cells over which the gradient of a tour's reward is summed, but for narrow areas.
 COARSE_M = 30.0
 
 
@@ -106,7 +106,7 @@ class VehiclePlanner:
         self.plans_refused = 0
         self.records: list[BoundRecord] = []
         map_grid = area.grid(self.planner.map_spacing_m, "planner.map_spacing_m")
-        coarse_grid = area.grid(max(COARSE_M, self.planner.map_spacing_m, area.finest_cell_m))
+        coarse_grid = area.grid(max(area.cell_m(COARSE_M), self.planner.map_spacing_m))
         self._context = PlanningContext(
             vehicle=vehicle,
             settings=settings,
@@ -125,7 +125,7 @@ class VehiclePlanner:
         self._surfaced = False  # at the end of the leg decided last
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         limit_m = settings.vehicle.shallowest_ground_m
-        grid = area.grid(max(10.0, 2.0 * settings.area.raster_m, area.finest_cell_m))
+        grid = area.grid(area.cell_m(max(10.0, 2.0 * settings.area.raster_m)))
         self.shallow_ground = ShallowGround(self.space, self._context.window, grid, limit_m)
         self._new_centers: Centers | None = None
         self._map_s: float | None = None

@@ -608,3 +608,18 @@ def test_a_restart_in_a_large_area_goes_on_with_the_cells_within_reach(method):
     if method != "plain":
         assert decision.bound.reward_so_far == pytest.approx(decisions[-1].bound.reward_so_far)
     assert decision.bound.expected_end > 0.0
+
+
+def test_a_mission_in_a_swimming_pool_flies():
+    pool = {"polygon_m": [20.0, 18.0, 40.0, 18.0, 40.0, 28.0, 20.0, 28.0], "margin_m": 0.5, "raster_m": 0.2}
+    s = settings(
+        {"map_spacing_m": 1.0, "lane_spacing_m": 3.0},
+        steps=8,
+        area=pool,
+        motion={"turn_radius_m": 1.0},
+        gp={"length_scale_m": 4.0, "map_resolution_m": 0.5, "min_spacing_m": 0.5},
+        vehicle={"start_north_m": 24.0, "start_east_m": 22.0, "speed_mps": 0.3, "depth_m": 0.5},
+    )
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    _fly(planner, OnlineGp(s.gp))
+    assert planner.finished

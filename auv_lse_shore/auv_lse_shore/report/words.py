@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
-from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.plurals import area_size, counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_common.vocabulary.health import BATTERY_LASTS
 from auv_lse_gp.covariance.prior_mean import excluded_level
@@ -174,9 +174,9 @@ def cards(e: Evaluation) -> list[tuple[str, str]]:
         (unsure_m if is_length(unsure_m) else None, _m, "of isobath likely or guessed"),
         (s.isobath_found, _percent, "of the true isobath found"),
         (s.isobath_found_error_m, "{:.1f} m".format, "mean error of the isobath found"),
-        (s.deep_m2, _area, f"surely at least {level} deep"),
-        (s.shallow_m2, _area, f"surely shallower than {level}"),
-        (s.unsure_m2, _area, "uncertain"),
+        (s.deep_m2, area_size, f"surely at least {level} deep"),
+        (s.shallow_m2, area_size, f"surely shallower than {level}"),
+        (s.unsure_m2, area_size, "uncertain"),
     ]
     return _known(rows)
 
@@ -255,14 +255,14 @@ def _missing(e: Evaluation) -> str:
 
 def _sides(e: Evaluation) -> str:
     s = e.summary
-    shallower = "shallower" if _is_area(s.deep_m2) else f"shallower than {_level(e)}"
+    shallower = "shallower" if _is_area(s.deep_m2, s) else f"shallower than {_level(e)}"
     known = {f"at least {_level(e)} deep": s.deep_m2, shallower: s.shallow_m2}
-    sides = [f"{_area(size)} is {what}" for what, size in known.items() if _is_area(size)]
+    sides = [f"{area_size(size)} is {what}" for what, size in known.items() if _is_area(size, s)]
     sure = (
         f"{', and '.join(sides)}, with at least {_percent(SURE)} probability" if sides else "No location is classified"
     )
-    rest = f"{_area(s.unsure_m2)} ({_percent(s.unsure_m2 / max(s.area_m2, 1.0))}) remains uncertain"
-    return f"{sure}. {rest if _is_area(s.unsure_m2) else 'No location remains uncertain'}."
+    rest = f"{area_size(s.unsure_m2)} ({_percent(s.unsure_m2 / max(s.area_m2, 1.0))}) remains uncertain"
+    return f"{sure}. {rest if _is_area(s.unsure_m2, s) else 'No location remains uncertain'}."
 
 
 def _unreachable(s: Summary) -> str:
@@ -270,8 +270,8 @@ def _unreachable(s: Summary) -> str:
         return ""
     share = _percent(s.unreachable_m2 / (s.unreachable_m2 + s.area_m2))
     return (
-        f"{_area(s.unreachable_m2)} ({share}) of the area cannot be reached from the starts: no safe turn and no leg "
-        "leads there. No figure includes it."
+        f"{area_size(s.unreachable_m2)} ({share}) of the area cannot be reached from the starts: no safe turn and no "
+        "leg leads there. No figure includes it."
     )
 
 
@@ -478,13 +478,9 @@ def is_length(length_m: float) -> bool:
     return length_m > 0.5
 
 
-def _area(area_m2: float) -> str:
-    return f"{area_m2 / 1e4:.1f} ha"
-
-
-def _is_area(area_m2: float) -> bool:
-    """Whether an area is shown as more than 0.0 ha."""
-    return area_m2 > 500.0
+def _is_area(area_m2: float, s: Summary) -> bool:
+    """Whether an area is large enough to be named: 500 m2, or half a percent of a small operating area."""
+    return area_m2 > min(500.0, 0.005 * s.area_m2)
 
 
 def _three(value: float) -> str:

@@ -382,3 +382,22 @@ def test_maps_have_latitude_and_longitude_where_the_origin_is_known(synthetic_ru
             labels = [side for axis in panels for side in axis.child_axes]
             counts.append(len(labels))
         assert counts == ([0, 0, 0] if origin is None else [2, 3, 4])  # longitudes of each panel, latitudes of the last
+
+
+@pytest.mark.parametrize(
+    ("area_m2", "deep_m2", "shallow_m2", "words"),
+    [
+        (200.0, 96.0, 69.0, "96 m2 is at least 15 m deep, and 69 m2 is shallower, with at least 95 % probability."),
+        (200.0, 0.0, 0.6, "No location is classified."),
+        (300_000.0, 96.0, 69.0, "No location is classified."),
+        (300_000.0, 120_000.0, 700.0, "12.0 ha is at least 15 m deep, and 700 m2 is shallower, with"),
+    ],
+)
+def test_areas_of_a_pool_are_in_square_metres(other, area_m2, deep_m2, shallow_m2, words):
+    kept = other.summary
+    sizes = {"area_m2": area_m2, "deep_m2": deep_m2, "shallow_m2": shallow_m2}
+    other.summary = dataclasses.replace(kept, **sizes, unsure_m2=area_m2 - deep_m2 - shallow_m2)
+    try:
+        assert words in text_of(other)
+    finally:
+        other.summary = kept

@@ -21,7 +21,7 @@ from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, coverage
 from auv_lse_common.mission_file.operating_area import OperatingArea, free_m2
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.plurals import area_size, counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_planner.paths.motion import MotionTable
@@ -220,7 +220,7 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
         )
     if not free.any():
         raise GroundError(
-            f"area: {wanted_by} ({wanted_m2 / 1e4:.1f} ha) has no known water of {limit_m:g} m or more (deepest "
+            f"area: {wanted_by} ({area_size(wanted_m2)}) has no known water of {limit_m:g} m or more (deepest "
             "vehicle's depth plus its minimum water). Choose another area, or shallower vehicles"
         )
     if free[raster.wanted].all():
@@ -252,9 +252,8 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     overrides: dict[str, Any] = {"area.polygon_m": outer}
     if no_go:
         overrides["area"] = {"no_go": no_go}
-    km2 = polygon.area / 1e6
     notes = [
-        f"area: of {wanted_by} ({wanted_m2 / 1e6:.2f} km2), {km2:.2f} km2 can be navigated: known ground under "
+        f"area: of {wanted_by} ({_km2(wanted_m2)}), {_km2(polygon.area)} can be navigated: known ground under "
         f"at least {limit_m:g} m of water, in one part"
         + (f", around {islands} no-go area{'s' * (islands > 1)}" if (islands := len(polygon.interiors)) else "")
     ]
@@ -315,7 +314,7 @@ def _location_starts(settings: Settings) -> tuple[Settings, list[str]]:
     motion = MotionTable(settings.motion)
     reach = float(np.abs(motion.loops_m[:, 2]).max())
     margin = settings.area.margin_m
-    grid = area.grid(max(5.0, settings.area.raster_m, area.finest_cell_m))
+    grid = area.grid(area.cell_m(max(5.0, settings.area.raster_m)))
     locations, clearance = grid.locations_m, area.clearance_m(grid.locations_m)
     for needed in (margin + 2.0 * reach, margin + reach):
         if (clearance >= needed).any():
@@ -422,6 +421,10 @@ def expectations(settings: Settings) -> list[str]:
     return [_coverage(settings), *prior_warnings(settings)]
 
 
+def _km2(area_m2: float) -> str:
+    return f"{area_m2 / 1e6:,.2f} km2" if area_m2 >= 1e4 else area_size(area_m2)
+
+
 def _coverage(settings: Settings) -> str:
     area_m2, mission, motion = free_m2(settings.area), settings.mission, settings.motion
     path_m = mission.vehicles * mission.steps * motion.leg_length_m
@@ -429,7 +432,7 @@ def _coverage(settings: Settings) -> str:
     covers = coverage(area_m2, mission, motion, settings.common.gp)
     text = (
         f"coverage: {counted(mission.vehicles, 'vehicle')} x {counted(mission.steps, 'step')}, {path_m / 1000.0:.1f} "
-        f"km of path in {area_m2 / 1e6:.2f} km2, {spacing:.0f} m between lawnmower lanes. At most "
+        f"km of path in {_km2(area_m2)}, {spacing:.0f} m between lawnmower lanes. At most "
         f"{100.0 * min(covers, 1.0):.0f} % of the area is within half a length scale "
         f"({settings.common.gp.length_scale_m / 2.0:g} m) of a path"
     )

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.plurals import area_size
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.reachable import UnreachedPart, unreached_parts
@@ -61,11 +62,11 @@ def _note(space: FreeSpace, parts: list[UnreachedPart], area_m2: float) -> str:
     needed_m = 2.0 * (space.margin_m + float(space.motion.loops_m[:, 2].min()))
     reasons = [_reason(part) for part in parts[:MAX_DESCRIBED]]
     if len(parts) > 1:
-        reasons = [f"{_hectares(part.area_m2)}: {text}" for part, text in zip(parts, reasons, strict=False)]
+        reasons = [f"{area_size(part.area_m2)}: {text}" for part, text in zip(parts, reasons, strict=False)]
     more = len(parts) - MAX_DESCRIBED
     others = f"; {more} smaller part{'s' * (more > 1)}" if more > 0 else ""
     return (
-        f"area: {_percent(total_m2 / area_m2)} of it ({_hectares(total_m2)}) cannot be reached from the starts and is "
+        f"area: {_percent(total_m2 / area_m2)} of it ({area_size(total_m2)}) cannot be reached from the starts and is "
         f"left out. {'; '.join(reasons)}{others}. A safe turn needs {needed_m:.0f} m, including area.margin_m on both "
         "sides, and no leg leads through. To include this ground, start vehicles there, or choose a smaller margin or "
         "turning radius"
@@ -78,10 +79,6 @@ def _reason(part: UnreachedPart) -> str:
     if part.strait_width_m > 0.0:
         return f"The strait at {location} is {part.strait_width_m:.0f} m wide"
     return f"Land at {location} separates it"
-
-
-def _hectares(area_m2: float) -> str:
-    return f"{area_m2 / 1e4:.1f} ha" if area_m2 >= 1e3 else f"{area_m2:.0f} m2"
 
 
 def _percent(share: float) -> str:
