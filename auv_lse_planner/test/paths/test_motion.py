@@ -111,6 +111,7 @@ def test_legs_follow_the_motion_table(straight):
     ("values", "message"),
     [
         ({"actions_deg": [0.0]}, "has no turn"),
+        ({"actions_deg": [90.0]}, r"\[90.0\] is one turn; a vehicle would circle"),
         ({"actions_deg": [0.0, 100.0]}, r"100 deg is larger than theta_max_deg \(90 deg\)"),
         ({"actions_deg": [5.0, 5.0]}, "repeats a heading change"),
         ({"actions_deg": [0.1 * i for i in range(225)]}, "has 225 values; a packet has bytes for at most 224"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -61,7 +60,8 @@ def check_geometry(settings: Settings, findings: Findings) -> Settings:
         for text in texts:
             findings.warning(text)
     settings = _check_ground(settings, findings)
-    if findings.usable("area.polygon_m", "area.no_go", "motion", "mission", "gp", "level_set"):
+    read = ("area.polygon_m", "area.no_go", "motion", "mission", "gp", "level_set")
+    if findings.usable(*read, "vehicle.speed_mps", "sim.dynamics", "sim.current", "sim.ideal"):
         for text in expectations(settings):
             (findings.warning if " is too " in text or text.startswith("level_set") else findings.note)(text)
     return settings
@@ -181,13 +181,20 @@ def _check_straight_legs(settings: Settings, findings: Findings) -> None:
 
 def _check_depths(settings: Settings, findings: Findings) -> None:
     numbered = list(enumerate((own.vehicle for own in settings.vehicles), 1))
-    for (i, one), (k, other) in itertools.combinations(numbered, 2):
-        if not all(findings.usable("vehicle.depth_m", vehicle=number) for number in (i, k)):
-            continue
-        if abs(one.depth_m - other.depth_m) < LEAST_SEPARATION_M - 1e-6:
+    groups: list[list[tuple[float, int]]] = []  # vehicles of close depths, from each to the next deeper one
+    for depth_m, number in sorted((v.depth_m, k) for k, v in numbered if findings.usable("vehicle.depth_m", vehicle=k)):
+        if groups and depth_m - groups[-1][-1][0] < LEAST_SEPARATION_M - 1e-6:
+            groups[-1].append((depth_m, number))
+        else:
+            groups.append([(depth_m, number)])
+    for group in groups:
+        if len(group) > 1:
+            names = ", ".join(f"auv{k}" for k in sorted(k for _, k in group))
+            close_m = sorted({depth_m for depth_m, _ in group})
             findings.warning(
-                f"auv{i}, auv{k}: vehicle.depth_m: {one.depth_m:g} and {other.depth_m:g} m are too close, "
-                f"because only depth keeps vehicles apart; use a difference of at least {LEAST_SEPARATION_M:g} m"
+                f"{names}: vehicle.depth_m: {' and '.join(f'{depth_m:g}' for depth_m in close_m)} m "
+                f"{'are' if len(close_m) > 1 else 'each is'} too close, because only depth keeps vehicles apart; use a "
+                f"difference of at least {LEAST_SEPARATION_M:g} m"
             )
     level = settings.level_set.level_m
     for number, vehicle in numbered:
@@ -211,7 +218,8 @@ def _check_ground(settings: Settings, findings: Findings) -> Settings:
         findings.error(f"{settings.where}: {error}")
         return settings
     changed = fitted.area != settings.area or fitted.vehicles != settings.vehicles
+    expected = expectations(fitted)  # reported by the caller
     for text in notes:
-        if not text.startswith(("coverage", "level_set")):  # `expectations` are reported by the caller
+        if text not in expected:
             (findings.warning if changed or text.startswith(("level", "dvl")) else findings.note)(text)
     return fitted

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from auv_lse_common.mission_file.sections.acoustics import WINDOW_S
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.packet.fields import are_paired, capacity
 from auv_lse_comms.packet.navigation import MAX_BYTES
@@ -87,9 +88,12 @@ def _check_slots(settings: Settings, longest_s: float | None, findings: Findings
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
     span = float(max(np.hypot(*(a - b)) for a in corners for b in corners))
     if span > tdma.max_range_m and findings.usable("area.polygon_m"):
+        span = math.ceil(span)
+        slot_s = tdma.needed_s + (span - tdma.max_range_m) / tdma.sound_speed_mps + WINDOW_S
+        longer = f", and tdma.slot_s of at least {math.ceil(10.0 * slot_s) / 10.0:g} s" if slot_s > tdma.slot_s else ""
         findings.warning(
             f"tdma.max_range_m: {tdma.max_range_m:g} m is shorter than the area, so packets from its far end "
-            f"arrive in the next slot; use at least {span:.0f} m"
+            f"arrive in the next slot; use at least {span} m{longer}"
         )
     cycle_s = len(order) * tdma.slot_s
     spare = tdma.slot_s - tdma.needed_s

@@ -10,10 +10,11 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -108,7 +109,7 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     areas = AreaFiles()
     mission = options.mission or shipped_file("missions/default.yaml")
     given = overrides_of(options)
-    settings = Settings.load(mission, given, areas)
+    settings = _loaded(mission, given, areas)
     check_vehicles([*given], settings.mission.vehicles)
     for flag in ("depths", "elevations", "water_level"):
         if getattr(options, flag) not in (None, False) and not settings.sim.bathymetry.file:
@@ -128,6 +129,18 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
             if not Path(file).is_file():
                 raise ParameterError(f"gp.survey_file: {file!r} does not exist on this machine")
     return fitted, [*areas.notes(), *notes]
+
+
+def _loaded(mission: Path, given: Mapping[str, Any], areas: AreaFiles) -> Settings:
+    """The mission file with the parameters of the command line; an error that these cause names them, not the file."""
+    try:
+        return Settings.load(mission, given, areas)
+    except ParameterError as error:
+        try:
+            Settings.load(mission, read_area=AreaFiles())
+        except ParameterError:
+            raise error from None
+        raise ParameterError(str(error).replace(f"{mission}", "the command line", 1)) from error
 
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:

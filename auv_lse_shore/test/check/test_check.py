@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from verb_main import verb_main
@@ -216,7 +217,13 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
         ),
         ({"tdma": {"order": [1, 2]}}, None, "warning", r"tdma.order: \[1, 2\] has no slot for auv3"),
         ({"tdma": {"order": [1, 2, 9]}}, None, "error", "9"),
-        ({"tdma": {"max_range_m": 500.0}}, None, "warning", "shorter than the area.*use at least 922 m"),
+        ({"tdma": {"max_range_m": 500.0}}, None, "warning", "shorter than the area.*use at least 922 m$"),
+        (
+            {"area": {"polygon_m": [0.0, 0.0, 20e3, 0.0, 20e3, 1e3, 0.0, 1e3]}},
+            None,
+            "warning",
+            "tdma.max_range_m: 1500 m.* use at least 20025 m, and tdma.slot_s of at least 16.8 s",
+        ),
         ({"planner": {"plan_expiry_s": 50.0}}, None, "warning", "use at least two cycles, 60 s"),
         ({"planner": {"replan_lead_s": 16.0}}, None, "warning", "is not less than the time of a leg, 15.7 s"),
         ({"planner": {"deadline_s": 4.0}}, None, "warning", r"is not less than planner.replan_lead_s \(4 s\)"),
@@ -382,3 +389,26 @@ def test_the_goals_method_is_reported_beside_an_error_elsewhere(tmp_path, capsys
     given = write(tmp_path, mission={"goal": "line"}, tdma={"slot_s": -1.0}, planner={"method": "plain"})
     assert main([str(given)]) == 1
     assert "because planner.method is set (plain)" in capsys.readouterr().out
+
+
+def test_vehicles_at_close_depths_are_one_warning_for_each_depth(tmp_path: Path) -> None:
+    rows = found(write(tmp_path, mission={"vehicles": 8}, vehicle={"depth_m": 5.0}), "warning")
+    close = [row for row in rows if "too close" in row]
+    assert len(close) == 1
+    assert "auv1, auv2, auv3, auv4, auv5, auv6, auv7, auv8: vehicle.depth_m: 5 m each is too close" in close[0]
+    rows = found(write(tmp_path, mission={"vehicles": 5}), "warning")  # by default 3, 4 and 5 m in turn
+    assert [row.partition(", because")[0] for row in rows if "too close" in row] == [
+        "auv1, auv4: vehicle.depth_m: 3 m each is too close",
+        "auv2, auv5: vehicle.depth_m: 4 m each is too close",
+    ]
+    assert not any("too close" in row for row in found(write(tmp_path, mission={"vehicles": 3}), "warning"))
+
+
+def test_what_to_expect_of_a_mission_over_a_bathymetry_is_reported_once(tmp_path: Path) -> None:
+    at = np.arange(0.0, 601.0, 10.0)
+    np.savez(tmp_path / "a.npz", north_m=at, east_m=at, depth_m=np.broadcast_to(10.0 + 0.02 * at, (61, 61)))
+    sim = {"bathymetry": {"file": str(tmp_path / "a.npz")}, "current": {"north_mps": 2.9}}
+    area = {"polygon_m": [0.0, 0.0, 500.0, 0.0, 500.0, 600.0, 0.0, 600.0]}
+    rows = found(write(tmp_path, sim=sim, area=area, vehicle={"speed_mps": 2.8}), "warning")
+    for words in ("motion.turn_radius_m: 15 m is too small", "sim.current: 2.9 m/s is too fast for"):
+        assert len([row for row in rows if row.startswith(words)]) == 1, rows

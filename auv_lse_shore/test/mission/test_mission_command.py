@@ -272,3 +272,25 @@ def test_a_parameter_of_a_vehicle_that_the_mission_lacks_is_refused(
         capsys.readouterr().err
     )
     assert main([*words, "--vehicles", "4"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("--set", "tdma.slot_s=3"), r"^the command line: tdma\.slot_s: 3 s is too short"),
+        (("--set", "gp.mean=survey"), r"^the command line \(auv1\): gp\.survey_file is empty"),
+        (("--set", "motion.actions_deg=[0.0]"), r"^the command line: motion\.actions_deg: \[0\.0\] has no turn"),
+    ],
+)
+def test_a_contradiction_that_the_command_line_makes_is_not_blamed_on_the_file(given, words):
+    with pytest.raises(ParameterError, match=words):
+        mission.prepare(parser().parse_args(given))
+
+
+@pytest.mark.parametrize("given", [(), ("--set", "mission.steps=20")])
+def test_a_contradiction_in_the_file_names_the_file(tmp_path, given):
+    path = tmp_path / "short.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    tdma: {slot_s: 3.0}\n")
+    with pytest.raises(ParameterError, match=r"short\.yaml: tdma\.slot_s: 3 s is too short"):
+        mission.prepare(parser().parse_args([str(path), *given]))
+    assert mission.prepare(parser().parse_args([str(path), "--set", "tdma.slot_s=5"]))

@@ -322,8 +322,8 @@ def _location_starts(settings: Settings) -> tuple[Settings, list[str]]:
     else:
         raise GroundError(
             f"area: the widest location is only {max(float(clearance.max()), 0.0):.0f} m from its border, less "
-            f"than {margin + reach:.0f} m (margin_m and a turning circle). Choose a larger area or a smaller "
-            "margin"
+            f"than {margin + reach:.0f} m (margin_m and a turning circle). Choose a larger area, or less "
+            "motion.turn_radius_m or area.margin_m"
         )
     fit, roomy = locations[clearance >= needed], clearance[clearance >= needed]
     overrides: dict[str, Any] = {}
@@ -362,7 +362,8 @@ def depth_warnings(settings: Settings, ground: Ground) -> list[str]:
     """Warns if the operating area has no isobath, or a bottom beyond the DVL's range."""
     shape = _operating_shape(settings.area)
     west, south, east, north = shape.bounds
-    step = max(5.0, math.sqrt((north - south) * (east - west) / WARNING_CELLS))
+    finest = min(5.0, 0.05 * min(north - south, east - west))
+    step = max(finest, math.sqrt((north - south) * (east - west) / WARNING_CELLS))
     n, e = np.meshgrid(
         np.arange(south + step / 2.0, north, step), np.arange(west + step / 2.0, east, step), indexing="ij"
     )
@@ -417,8 +418,47 @@ def prior_warnings(settings: Settings) -> list[str]:
 
 
 def expectations(settings: Settings) -> list[str]:
-    """What to expect of the prior, and of the paths' length in the area: a lawnmower's lanes, and coverage."""
-    return [_coverage(settings), *prior_warnings(settings)]
+    """What to expect of paths in the area (a lawnmower's lanes, coverage), of turns, of the current and the prior."""
+    return [_coverage(settings), *_turn_warnings(settings), *_current_warnings(settings), *prior_warnings(settings)]
+
+
+def _turn_warnings(settings: Settings) -> list[str]:
+    """Warns, for each speed, if the simulated vehicle cannot turn as tightly as the legs."""
+    dynamics, radius_m = settings.sim.dynamics, settings.motion.turn_radius_m
+    if dynamics.ideal or settings.sim.ideal:
+        return []
+    names: dict[float, list[str]] = {}
+    for number, own in enumerate(settings.vehicles, 1):
+        if own.link.kind == "direct":  # else an autopilot turns
+            names.setdefault(own.vehicle.speed_mps, []).append(f"auv{number}")
+    tightest_m = {speed: speed / math.radians(dynamics.turn_rate_max_dps) for speed in names}
+    return [
+        f"motion.turn_radius_m: {radius_m:g} m is too small for {', '.join(names[speed])} at {speed:g} m/s, which "
+        f"would turn by {math.degrees(speed / radius_m):.0f} deg/s (sim.dynamics.turn_rate_max_dps: "
+        f"{dynamics.turn_rate_max_dps:g}). Use at least {math.ceil(10.0 * least_m) / 10.0:g} m, or less "
+        "vehicle.speed_mps"
+        for speed, least_m in tightest_m.items()
+        if radius_m < least_m
+    ]
+
+
+def _current_warnings(settings: Settings) -> list[str]:
+    """Warns if the simulated current can be as fast as a vehicle."""
+    current = settings.sim.current
+    if current.ideal or settings.sim.ideal:
+        return []
+    heading = math.radians(current.tide_heading_deg)
+    tide_n, tide_e = current.tide_mps * math.cos(heading), current.tide_mps * math.sin(heading)
+    fastest_mps = max(
+        math.hypot(current.north_mps + sign * tide_n, current.east_mps + sign * tide_e) for sign in (1.0, -1.0)
+    )
+    names = [f"auv{k}" for k, own in enumerate(settings.vehicles, 1) if own.vehicle.speed_mps <= fastest_mps]
+    if not names:
+        return []
+    return [
+        f"sim.current: {fastest_mps:.3g} m/s is too fast for {', '.join(names)} to travel against it "
+        "(vehicle.speed_mps): expect vehicles outside the area. Choose a slower current or faster vehicles"
+    ]
 
 
 def _km2(area_m2: float) -> str:

@@ -15,7 +15,7 @@ from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_sim.ground.grid_ground import GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_source import ground_of
-from auv_lse_sim.ground.navigable import expectations, fit_to_ground, prior_warnings
+from auv_lse_sim.ground.navigable import depth_warnings, expectations, fit_to_ground, prior_warnings
 from auv_lse_sim.ground.shore import MAX_CORNERS, shore_of
 
 EXTENT = Extent(north_min_m=-200, north_max_m=700, east_min_m=-200, east_max_m=800)
@@ -333,3 +333,60 @@ def test_a_prior_that_nearly_excludes_the_isobath_is_reported(gp, level_m, neare
     assert all(f"Set gp.signal_std_m to {proposed:.1f} or more" in text for text in texts)
     wider = {**overrides, "gp.signal_std_m": round(proposed, 1)}
     assert not prior_warnings(Settings.load(None, {**wider, "level_set.level_m": level_m}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "warns"),
+    [
+        ({"vehicle.speed_mps": 3.0}, True),  # 11.5 deg/s
+        ({"motion.turn_radius_m": 1.0, "vehicle.speed_mps": 0.3}, True),
+        ({"motion.turn_radius_m": 2.0, "vehicle.speed_mps": 0.3}, False),
+        ({"vehicle.speed_mps": 2.3}, False),  # 8.8 deg/s
+        ({"vehicle.speed_mps": 3.0, "sim.dynamics.turn_rate_max_dps": 12.0}, False),
+        ({"vehicle.speed_mps": 3.0, "sim.dynamics.ideal": True}, False),
+        ({"vehicle.speed_mps": 3.0, "sim.ideal": True}, False),
+        ({"vehicle.speed_mps": 3.0, "link.kind": "mavlink"}, False),  # the autopilot's business
+    ],
+)
+def test_turns_that_the_simulated_vehicle_cannot_make_are_reported(changes, warns):
+    texts = [text for text in expectations(settings(**changes)) if text.startswith("motion.turn_radius_m")]
+    assert len(texts) == warns
+    if changes == {"vehicle.speed_mps": 3.0}:
+        assert "15 m is too small for auv1, auv2, auv3 at 3 m/s" in texts[0]
+        assert texts[0].endswith("Use at least 19.1 m, or less vehicle.speed_mps")
+
+
+def test_each_vehicle_has_its_own_speed_for_turns():
+    (text,) = expectations(settings(**{"auv2.vehicle.speed_mps": 4.0}))[1:]
+    assert "too small for auv2 at 4 m/s" in text
+
+
+def test_the_isobath_of_a_pool_is_found():
+    pool = {"area.polygon_m": [0.0, 0.0, 20.0, 0.0, 20.0, 10.0, 0.0, 10.0], "level_set.level_m": 4.0}
+    s = settings(**pool)
+    assert depth_warnings(s, ground(lambda n, e: np.where(n < 2.0, 3.0, 5.0))) == []
+    (note,) = depth_warnings(s, ground(lambda n, e: 5.0 + 0.0 * e))
+    assert "no 4 m isobath" in note
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"sim.current.north_mps": 1.5}, "too fast for auv1, auv2, auv3 to"),
+        ({"sim.current.east_mps": -1.0, "auv2.vehicle.speed_mps": 0.2}, "sim.current: 1 m/s is too fast for auv2 to"),
+        ({"sim.current.east_mps": 0.9, "sim.current.tide_mps": 0.9, "sim.current.tide_heading_deg": 270.0}, "1.8 m/s"),
+        ({"sim.current.north_mps": 1.4}, None),
+        ({"sim.current.north_mps": 1.0, "sim.current.east_mps": 1.0}, None),  # 1.41 m/s
+        ({"sim.current.north_mps": 2.0, "sim.current.ideal": True}, None),
+        ({"sim.current.north_mps": 2.0, "sim.ideal": True}, None),
+    ],
+)
+def test_a_current_as_fast_as_a_vehicle_is_reported(changes, words):
+    texts = [text for text in expectations(settings(**changes)) if text.startswith("sim.current")]
+    assert len(texts) == (words is not None)
+    assert words is None or words in texts[0]
+
+
+def test_a_turning_circle_larger_than_the_area_names_the_turning_radius():
+    with pytest.raises(GroundError, match=r"less than 410 m .* Choose a larger area, or less motion.turn_radius_m"):
+        fit_to_ground(settings(**{"motion.turn_radius_m": 400.0}), ground(lambda n, e: 30.0 + 0.0 * e))

@@ -132,3 +132,7 @@ class MotionConfig:
             raise ValueError(
                 f"motion.actions_deg: {list(self.actions_deg)} has no turn; a vehicle could not stay inside the area"
             )
+        if len(self.actions_deg) == 1:
+            raise ValueError(
+                f"motion.actions_deg: {list(self.actions_deg)} is one turn; a vehicle would circle. Give another action"
+            )
