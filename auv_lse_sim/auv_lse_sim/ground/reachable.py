@@ -21,15 +21,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.support.compiled import compiled
-from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_action, is_feasible
+from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_action, feasible_mask, is_feasible
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Bins of the flood: their size (m), at most that share of the shortest leg, and the number of headings.
 BIN_M, BIN_SHARE, HEADINGS = 4.0, 0.2, 72
-#: Clearance of the loops' centers in open water / a turning loop's reach.
-OPEN = 1.25
+#: Clearance of the loops' centers in open water / a turning loop's reach. With at most this many headings it must have
+#: room for a leg, too: a loop is moved by legs, and few headings may fit along no narrow water.
+OPEN, FEW_HEADINGS = 1.25, 36
 #: Loops to the other side count if their reach is at most this multiple of the tightest one's.
 LOOPS_ALIKE = 1.1
 #: Layers of the flood before the first check whether everything is reached, and their growth from check to check: in a
@@ -37,6 +38,8 @@ LOOPS_ALIKE = 1.1
 FIRST_CHECK, CHECK_GROWTH = 8, 1.5
 #: States that are expanded at once.
 BLOCK = 20_000
+#: Escapes of a vehicle from its start, at most: one that takes more circles.
+MAX_ESCAPES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +149,21 @@ def waters_of(space, open_water, states):
 
 
 @compiled
+def escapes(space, heading, north, east, most):
+    """The states (S, 3) of a vehicle from its start to the first state with a feasible action, by up to `most` escapes.
+
+    Bins would merge some of them, above all outside the area's raster.
+    """
+    states = np.empty((most + 1, 3))
+    for i in range(most + 1):
+        states[i, 0], states[i, 1], states[i, 2] = heading, north, east
+        if feasible_mask(space, heading, north, east).any():
+            return states[: i + 1].copy()
+        heading, north, east = end_of_leg(space, heading, north, east, escape_action(space, heading, north, east))
+    return states
+
+
+@compiled
 def expand(space, states, bins, open_water, entered, heading0, seen):
     """The states after one feasible action from `states` (S, 3), of bins that are not yet in `seen` (B, H).
 
@@ -213,13 +231,17 @@ def _flooded(space: FreeSpace, inside: Mask, starts: Array) -> Mask:
     """Nodes (N, E) of open water and at the middles and ends of legs; ends early if they are near all ground."""
     arguments = space.arguments(static=True)
     reach_m, leg_m = _reach_m(space), float(space.motion.lengths_m.max())
-    open_water, count = ndimage.label(space.area_raster >= OPEN * reach_m)
-    near_border = space.area_raster < (OPEN + 1.0) * reach_m  # farther away all loops' centers are in open water
+    open_m = OPEN * reach_m
+    if len(_headings(space, starts[:1, 0])) <= FEW_HEADINGS:
+        open_m = max(open_m, reach_m + leg_m)
+    open_water, count = ndimage.label(space.area_raster >= open_m)
+    near_border = space.area_raster < open_m + reach_m  # farther away all loops' centers are in open water
     bins = _bins(space, near_border & (space.area_raster > -space.margin_m - leg_m))
     seen, entered = np.zeros((int(bins.max()) + 1, HEADINGS), dtype=np.bool_), np.zeros(count + 1, dtype=np.bool_)
     reached, layers, check_after = np.zeros_like(inside), 0, FIRST_CHECK
-    states = np.ascontiguousarray(starts, dtype=float)
-    reached[_nodes_at(space, states[:, 1:])] = True
+    ways = [escapes(arguments, float(h), float(n), float(e), MAX_ESCAPES) for h, n, e in starts]
+    states = np.array([way[-1] for way in ways])
+    reached[_nodes_at(space, np.concatenate(ways)[:, 1:])] = True
     while len(states):
         waters = waters_of(arguments, open_water, states)
         if waters.any():

@@ -74,3 +74,25 @@ def test_a_wide_loop_to_the_other_side_does_not_lead_through_a_gate(actions_deg)
     basins = tuple(4.0 * x for x in two_basins(10.0, 20.0))
     (part,) = parts_of(basins, ((0.0, 240.0, 240.0),), motion=MotionConfig(actions_deg=actions_deg))
     assert part.area_m2 == pytest.approx(600.0 * 600.0, rel=0.08)
+
+
+@pytest.mark.parametrize(
+    ("actions_deg", "start"),
+    [
+        ((-90.0, -30.0, 0.0, 30.0, 90.0), (2.81, 0.3, 386.5)),
+        ((-90.0, 0.0, 5.0), (-0.47, 1.3, 3.3)),
+        ((-90.0, 0.0, 5.0), (-0.53, 3.9, 37.5)),
+    ],
+)
+def test_a_start_at_the_border_from_which_only_escapes_lead_back_reaches_the_area(actions_deg, start):
+    square = (0.0, 0.0, 400.0, 0.0, 400.0, 400.0, 0.0, 400.0)
+    assert not parts_of(square, (start,), motion=MotionConfig(actions_deg=actions_deg))
+    assert not parts_of(square, (start, start), motion=MotionConfig(actions_deg=actions_deg))
+
+
+def test_few_headings_do_not_move_a_turning_loop_through_water_without_room_for_a_leg():
+    motion = MotionConfig(turn_radius_m=25.0, actions_deg=(0.0, 90.0))
+    room = (0.0, 0.0, 200.0, 0.0, 200.0, 120.0, 0.0, 120.0)
+    (part,) = parts_of(room, ((0.3, 100.0, 60.0),), motion=motion, margin_m=0.0)
+    assert part.area_m2 == pytest.approx(2400.0, rel=0.05)  # as a search of all actions from the start leaves out
+    assert not parts_of(tuple(1.5 * x for x in room), ((0.3, 150.0, 90.0),), motion=motion, margin_m=0.0)
