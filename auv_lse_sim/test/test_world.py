@@ -189,10 +189,12 @@ def test_shorter_ticks_make_the_same_truth():
     assert halves.travelled_m == pytest.approx(whole.travelled_m + 0.75, abs=1e-6)
 
 
+@pytest.mark.parametrize("keeps_altitude", [False, True])
 @pytest.mark.parametrize(("tick_s", "rate_hz"), [(0.25, 10.0), (0.05, 10.0), (1.0, 3.0), (0.7, 8.0)])
-def test_ticks_need_not_hold_whole_sub_steps(tick_s, rate_hz):
+def test_ticks_need_not_hold_whole_sub_steps(tick_s, rate_hz, keeps_altitude):
     """Nothing is lost or gained where a sub-step reaches over a tick's end."""
     w = world(1, ideal=True, dvl={"rate_hz": rate_hz}, altimeter={"sounding_every_s": 0.0})
+    w.vehicles[1].keep_altitude(1.0 if keeps_altitude else 0.0)
     w.tick(0.0)
     leg = Leg(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, action_rad=0.0, radius_m=15.0, straight_m=500.0)
     w.command(1, leg)

@@ -57,6 +57,7 @@ class EchoSounder:
         n, depth = len(stamps_s), results.depth
         normals, uniforms = self._rng.standard_normal((n, 2)), self._rng.random((n, 3))
         if n == 0:
+            self.echoes_m = np.empty(0)
             return np.empty((0, 6))
         altitude = water_m - depth
         self.water_m = float(water_m[-1])
