@@ -115,7 +115,7 @@ class VehicleRun:
         dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
         fixes: Fixes taken under way, in order of time.
         mates: Navigation data of received packets, in order of time.
-        ended_early: Why its mission ended before its last leg; "" if it did not.
+        ended_early: Why its mission ended or was aborted before its last leg; "" if it did not.
         battery: Last values of `LEGS_LEFT`, `LEGS_PLANNED` and `BATTERY_LASTS` while its mission ran; empty if unknown.
     """
 

@@ -18,7 +18,7 @@ from auv_lse_common.mission_file.degrees import AreaReader
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
-from auv_lse_common.topics.records import BoundReport, HealthReport, PlanReport
+from auv_lse_common.topics.records import BoundReport, HealthReport, PlanReport, RunReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
 from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
@@ -228,9 +228,20 @@ def _vehicle_run(number: int, log: _Log, method: str) -> VehicleRun:
         dead_reckoning=log.rows("dead_reckoning"),
         fixes=sorted(values["fix"], key=lambda fix: fix.stamp_s),
         mates=sorted(values["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
-        ended_early=next((run.status.reason for run in reversed(states) if run.status.ended_early), ""),
+        ended_early=why_ended_early(states),
         battery=battery_of(values["diagnostics"]),
     )
+
+
+def why_ended_early(states: Sequence[RunReport]) -> str:
+    """Why a mission, whose states are in order of time, ended or was aborted before its last leg; "" if it was not."""
+    reason: str | None = None
+    for status in (report.status for report in states):
+        if status.state not in (RunState.ENDED, RunState.ABORTED):
+            reason = None
+        elif reason is None:  # what comes after the end, as a mate's abort, does not end it
+            reason = status.reason if status.ended_early else ""
+    return reason or ""
 
 
 def battery_of(messages: Sequence[list[HealthReport]]) -> dict[str, str]:

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from auv_lse_common.topics.records import HealthReport
+from auv_lse_common.topics.records import HealthReport, RunReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
+from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_record.run_data import VehicleRun
-from auv_lse_record.run_reader import battery_of
+from auv_lse_record.run_reader import battery_of, why_ended_early
 
 
 def test_wrong_columns_are_rejected():
@@ -27,3 +28,25 @@ def test_of_the_battery_the_last_values_count_while_the_mission_ran():
     ]
     assert battery_of(messages) == {**battery, LEGS_PLANNED: "40"}
     assert battery_of([health(10.0, state="RUNNING"), health(11.0, **{LEGS_PLANNED: "40"})]) == {}
+
+
+@pytest.mark.parametrize(
+    ("states", "reason"),
+    [
+        ([(RunState.RUNNING, "GO"), (RunState.ENDED, "the last leg is complete")], ""),
+        ([(RunState.RUNNING, "GO"), (RunState.ENDED, "the battery suffices for the way")], "the battery suffices"),
+        ([(RunState.RUNNING, "GO"), (RunState.ABORTED, "running for 104 s")], "running for 104 s"),
+        ([(RunState.ABORTED, "a leak"), (RunState.ABORTED, "ABORT by auv2")], "a leak"),
+        ([(RunState.ENDED, "the last leg is complete"), (RunState.ABORTED, "ABORT by auv2")], ""),
+        ([(RunState.ABORTED, "a leak"), (RunState.RUNNING, "GO"), (RunState.ENDED, "the last leg is complete")], ""),
+        ([(RunState.RUNNING, "GO"), (RunState.HOLDING, "HOLD by test")], ""),
+        ([], ""),
+    ],
+)
+def test_why_a_mission_ended_early_is_what_ended_it(states, reason):
+    reports = [
+        RunReport(stamp_s=float(i), revision=i, status=RunStatus(state=state, stop=None, reason=text))
+        for i, (state, text) in enumerate(states)
+    ]
+    assert why_ended_early(reports).startswith(reason)
+    assert bool(why_ended_early(reports)) == bool(reason)

@@ -151,8 +151,8 @@ class RunStatus:
 
     @property
     def ended_early(self) -> bool:
-        """Whether the mission ended before its last leg; False without a reason."""
-        return self.state is RunState.ENDED and self.reason not in ("", _LAST_LEG)
+        """Whether the mission ended or was aborted before its last leg; False without a reason."""
+        return self.state in (RunState.ENDED, RunState.ABORTED) and self.reason not in ("", _LAST_LEG)
 
     def stop_after(self, then: Stop | None) -> Stop | None:
         """What a vehicle does instead of travelling, if its newest leg ends with the stop `then`.

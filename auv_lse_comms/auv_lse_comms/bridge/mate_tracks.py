@@ -60,6 +60,23 @@ class Pace:
     surfacing_steps: int = 0
 
 
+def speeds_apart(speeds_mps: Sequence[float]) -> str:
+    """Names vehicles that take packets of a faster mate, without a tag, for those of an impostor; "" without any.
+
+    Args:
+        speeds_mps: Speeds (m/s) of the team, from vehicle 1.
+    """
+    fastest = max(range(len(speeds_mps)), key=speeds_mps.__getitem__)
+    slow = [k for k, speed in enumerate(speeds_mps) if FASTER * speed < speeds_mps[fastest]]
+    if not slow:
+        return ""
+    return (
+        f"vehicle.speed_mps: auv{fastest + 1} ({speeds_mps[fastest]:g} m/s) is more than {FASTER:g} times as fast as "
+        f"{', '.join(f'auv{k + 1}' for k in slow)} ({min(speeds_mps):g} m/s), which refuse its packets as implausible. "
+        "Set packet.tag: true, or choose closer speeds"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class _Sighting:
     """A packet: its time (s), its plan's step and start (north, east; m), and its dead-reckoned position (m) if it has

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.bridge import MateTracks, ModemBridge, Pace
+from auv_lse_comms.bridge.mate_tracks import speeds_apart
 from auv_lse_comms.health import bridge_problems
 from auv_lse_comms.packet.codec import Packet, encode
 from auv_lse_comms.packet.navigation import Navigation
@@ -165,3 +166,21 @@ def test_no_sequence_of_hostile_packets_raises() -> None:
         bridge_problems(bridge, now_s)
     assert bridge.counts["received"] > 0
     assert bridge.counts["rejected.implausible"] > 0
+
+
+@pytest.mark.parametrize(
+    ("speeds_mps", "words"),
+    [
+        ([0.5, 2.5, 1.5], "auv2 (2.5 m/s) is more than 2 times as fast as auv1 (0.5 m/s)"),
+        ([0.2, 0.2, 1.5], "auv3 (1.5 m/s) is more than 2 times as fast as auv1, auv2 (0.2 m/s)"),
+        ([1.5, 0.6, 0.5], "auv1 (1.5 m/s) is more than 2 times as fast as auv2, auv3 (0.5 m/s)"),
+        ([1.0, 2.0, 1.5], None),
+        ([1.5, 1.5], None),
+        ([0.2], None),
+    ],
+)
+def test_a_team_whose_slow_vehicles_refuse_packets_of_fast_mates_is_named(
+    speeds_mps: list[float], words: str | None
+) -> None:
+    text = speeds_apart(speeds_mps)
+    assert (words in text) if words else not text

@@ -139,4 +139,4 @@ def _report(evaluation: Evaluation, part: Path, folder: Path) -> Iterator[str]:
     if (folder / "mission.yaml").exists():  # a run's own stays
         (part / "mission.yaml").unlink()
     yield "  report.html"
-    yield from headlines(summary, evaluation.planned_steps)
+    yield from headlines(summary, evaluation.planned_steps, evaluation.run)

@@ -8,6 +8,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.acoustics import WINDOW_S
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_comms.bridge.mate_tracks import speeds_apart
 from auv_lse_comms.packet.fields import are_paired, capacity
 from auv_lse_comms.packet.navigation import MAX_BYTES
 from auv_lse_comms.tdma import Tdma
@@ -30,6 +31,9 @@ def check_timing(settings: Settings, findings: Findings) -> None:
     if not _check_order(settings, findings) or not findings.usable("tdma"):
         return
     cycle_s = _check_slots(settings, longest_s, findings)
+    apart = speeds_apart([own.vehicle.speed_mps for own in settings.vehicles])
+    if apart and not settings.packet.tag and findings.usable("vehicle.speed_mps", "packet.tag"):
+        findings.warning(apart)
     if findings.usable("planner", "motion", "mission", "packet", "sim.altimeter", "link"):
         _check_packet(settings, cycle_s, findings)
 

@@ -32,6 +32,7 @@ from auv_lse_common.support.confinement import watch_variables
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
+from auv_lse_comms.bridge.mate_tracks import speeds_apart
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_record.guard import free_mb
 from auv_lse_record.size_estimate import lack_of_space, size_of
@@ -128,7 +129,8 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
         for file in {own.gp.survey_file for own in fitted.vehicles if own.gp.mean == "survey"}:
             if not Path(file).is_file():
                 raise ParameterError(f"gp.survey_file: {file!r} does not exist on this machine")
-    return fitted, [*areas.notes(), *notes]
+    apart = "" if fitted.packet.tag else speeds_apart([own.vehicle.speed_mps for own in fitted.vehicles])
+    return fitted, [*areas.notes(), *notes, *([apart] if apart else [])]
 
 
 def _loaded(mission: Path, given: Mapping[str, Any], areas: AreaFiles) -> Settings:
@@ -294,7 +296,7 @@ def conclude(
     times = folder / "logs" / "times.json"
     measured = {"wall_s": phases, "processor_report_s": _processor_s() - processor_began_s}
     times.write_text(json.dumps({**json.loads(times.read_text()), **measured}, indent=1) + "\n")
-    for line in headlines(summary, settings.mission.steps):
+    for line in headlines(summary, settings.mission.steps, run):
         _say(console, line)
     page = "report.html" if report else "summary.json"
     took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())

@@ -41,7 +41,7 @@ def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]
     set_true_ground(data, str(run))
     summary = write_report(data, folder, show_step)
     planned_steps = mission_settings(data.parameters, 1)[0].mission.steps
-    return [*data.notes, *headlines(summary, planned_steps), str(folder / "report.html")]
+    return [*data.notes, *headlines(summary, planned_steps, data), str(folder / "report.html")]
 
 
 def _wall_s(folder: Path) -> float:

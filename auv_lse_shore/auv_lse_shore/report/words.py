@@ -47,11 +47,12 @@ _REASONS = {
 }
 
 
-def headlines(s: Summary, planned_steps: int) -> list[str]:
-    """The main figures of a mission of `planned_steps` steps, one line each."""
+def headlines(s: Summary, planned_steps: int, run: RunData | None = None) -> list[str]:
+    """The main figures of a mission of `planned_steps` steps, one line each; with its run, why vehicles ended early."""
     loss = "" if s.loss_after is None else f", {ACTUAL_LOSS} {s.loss_after:.3f}"
     lines = [
         *ended_early(s, planned_steps),
+        *(_reasons(run) if run else []),
         *opening(s),
         f"{MAP_RISK}: {s.risk_before:.3f} -> {s.risk_after:.3f} ({COST_PER_LOCATION}){_bound_in_brief(s)}",
         f"{EXPECTED_LOSS} {s.loss_expected:.3f}{loss} ({COST_PER_LOCATION})",
@@ -134,12 +135,16 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
 
 def batteries(run: RunData) -> list[str]:
     """Why vehicles ended early, and a sentence for each whose battery's consumption was learned."""
-    return [f"auv{v.vehicle} ended early: {v.ended_early}." for v in run.vehicles if v.ended_early] + [
+    return _reasons(run) + [
         f"auv{vehicle.vehicle}: a full battery lasts {vehicle.battery[BATTERY_LASTS]}; vehicle.battery_km lets check "
         "and GO compare the next mission with it."
         for vehicle in run.vehicles
         if BATTERY_LASTS in vehicle.battery
     ]
+
+
+def _reasons(run: RunData) -> list[str]:
+    return [f"auv{v.vehicle} ended early: {v.ended_early}." for v in run.vehicles if v.ended_early]
 
 
 def _bound_in_brief(s: Summary) -> str:

@@ -215,6 +215,12 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
             "warning",
             r"auv1: .* = 6 m of water.*stay below level_set.level_m \(6 m\)",
         ),
+        (
+            {},
+            {"vehicle": {"speed_mps": 3.1}},
+            "warning",
+            r"auv2 \(3.1 m/s\) is more than 2 times as fast as auv1, auv3",
+        ),
         ({"tdma": {"order": [1, 2]}}, None, "warning", r"tdma.order: \[1, 2\] has no slot for auv3"),
         ({"tdma": {"order": [1, 2, 9]}}, None, "error", "9"),
         ({"tdma": {"max_range_m": 500.0}}, None, "warning", "shorter than the area.*use at least 922 m$"),
@@ -412,3 +418,9 @@ def test_what_to_expect_of_a_mission_over_a_bathymetry_is_reported_once(tmp_path
     rows = found(write(tmp_path, sim=sim, area=area, vehicle={"speed_mps": 2.8}), "warning")
     for words in ("motion.turn_radius_m: 15 m is too small", "sim.current: 2.9 m/s is too fast for"):
         assert len([row for row in rows if row.startswith(words)]) == 1, rows
+
+
+def test_tagged_packets_of_a_fast_mate_are_accepted(tmp_path: Path) -> None:
+    packet = {"tag": True, "key_file": str(tmp_path / "key")}
+    rows = found(write(tmp_path, own={"vehicle": {"speed_mps": 3.1}}, packet=packet), "warning")
+    assert not any("times as fast" in row for row in rows)

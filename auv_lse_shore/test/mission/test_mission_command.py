@@ -294,3 +294,9 @@ def test_a_contradiction_in_the_file_names_the_file(tmp_path, given):
     with pytest.raises(ParameterError, match=r"short\.yaml: tdma\.slot_s: 3 s is too short"):
         mission.prepare(parser().parse_args([str(path), *given]))
     assert mission.prepare(parser().parse_args([str(path), "--set", "tdma.slot_s=5"]))
+
+
+@pytest.mark.parametrize(("speed", "named"), [("0.5", True), ("1.0", False)])
+def test_speeds_too_far_apart_are_reported_before_the_start(speed, named):
+    notes = mission.prepare(parser().parse_args(["--set", f"auv1.vehicle.speed_mps={speed}"]))[1]
+    assert any("times as fast as auv1 (0.5 m/s)" in note for note in notes) == named

@@ -143,6 +143,8 @@ def test_the_report_shows_legs_left_by_battery_beside_those_planned(other, tmp_p
     text = shown(dataclasses.replace(other, run=run), tmp_path)
     assert "9 / 40" in text
     assert "auv1 ended early: the battery suffices for the way." in text
+    assert "auv1 ended early: the battery suffices for the way." in headlines(other.summary, 30, run)
+    assert not any("ended early" in line for line in headlines(other.summary, 30, other.run))
     assert f"auv1: a full battery lasts {lasts}; vehicle.battery_km lets check and GO compare" in text
     assert "full battery" not in shown(other, tmp_path)
 
