@@ -6,6 +6,7 @@ corrects the locations of earlier and later soundings. A vehicle considers a sur
 - At least the share `FIRST` of the mission is over. Each vehicle of a team waits longer than the previous one by the
   share `TURN`: ranges pass one vehicle's fix on to all, which reduces the gain of the next fix.
 - The leg's end is farther from the start than the next `LEGS_AHEAD` legs of the plan.
+- A leg is left after it: a mission ends with its last leg, and would not wait for the fix.
 - At least the share `NEXT` of the mission has passed since its last surfacing, because a fix changes the map only after
   some time.
 
@@ -50,7 +51,7 @@ class Surfacings:
     def is_considered(self, path: PlannedPath) -> bool:
         """Whether to consider a surfacing at the end of the first leg of `path`, a path to the mission's end."""
         end = path.step + 1
-        if self.done >= self.most or end < self._earliest or len(path) <= self.legs:
+        if self.done >= self.most or end < self._earliest or len(path) <= self.legs + 1:
             return False
         ahead = path.states[1 : LEGS_AHEAD + 2, 1:] - self._start_m
         far_m = np.hypot(ahead[:, 0], ahead[:, 1])

@@ -63,6 +63,8 @@ def test_surfacing_is_considered_where_the_path_turns_back(vehicle: int, turn: i
 
 def test_surfacing_is_not_considered_near_the_missions_end() -> None:
     assert decided(surfacings(), out_and_back(100, 98)) == [], "the 4 legs that it takes are not left"
+    assert decided(surfacings(), out_and_back(100, 96)) == [], "the mission would end there, without the fix"
+    assert decided(surfacings(), out_and_back(100, 95)) == [95], "a leg is left, before which the fix comes"
     assert decided(surfacings(most=0), out_and_back(100, 45)) == []
 
 
