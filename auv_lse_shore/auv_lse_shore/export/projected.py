@@ -13,6 +13,9 @@ from auv_lse_shore.export.uncertainty import cell_tvu_m, orders_met
 
 Array = NDArray[np.float64]
 
+#: Latitudes (deg) for which UTM is defined.
+UTM_LATITUDES_DEG = (-80.0, 84.0)
+
 
 class Chart(NamedTuple):
     """A map, northernmost row first; arrays (ny, nx), NaN outside of the area.
@@ -33,7 +36,7 @@ class Chart(NamedTuple):
 
 
 def target_crs(export: Export) -> Any:
-    """The coordinate reference system that was asked for, or the UTM zone of the origin.
+    """The coordinate reference system that was asked for, or the UTM zone of the origin; beyond UTM the pole's UPS.
 
     Raises:
         ExportError: if there is no such system.
@@ -42,7 +45,10 @@ def target_crs(export: Export) -> Any:
     assert export.reference.origin is not None
     latitude, longitude = export.reference.origin
     zone = int((longitude + 180.0) // 6.0) % 60 + 1
-    name = export.survey.crs or f"EPSG:{(32600 if latitude >= 0.0 else 32700) + zone}"
+    code = (32600 if latitude >= 0.0 else 32700) + zone
+    if not UTM_LATITUDES_DEG[0] <= latitude < UTM_LATITUDES_DEG[1]:
+        code = 5041 if latitude > 0.0 else 5042
+    name = export.survey.crs or f"EPSG:{code}"
     try:
         return library.crs.CRS.from_user_input(name)
     except library.errors.CRSError as error:

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from auv_lse_shore.export.export import write_export
 from auv_lse_shore.export.formats import contours, crowdsourced
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.export.options import _water_level
+from auv_lse_shore.export.projected import target_crs
 from auv_lse_shore.export.survey import Survey, SurveyError, true_depth_m, vehicle_depth_m
 from auv_lse_shore.export.uncertainty import ORDERS, cell_tvu_m, orders_met, sounding_uncertainty
 from auv_lse_shore.judge.team_map import team_map
@@ -395,3 +397,20 @@ def test_a_gap_between_water_levels_is_refused_if_soundings_lie_in_it():
     utc = Survey(water_level=np.column_stack([1.8e9 + stamps, stamps]), datum="D")
     with pytest.raises(SurveyError, match=r"no level from 2027-01-15T08:50:00Z to 2027-01-15T18:00:00Z"):
         utc.water_level_at(1.8e9 + np.array([4000.0]))
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "code"),
+    [
+        (46.5, 6.6, 32632),
+        (-45.0, 5.9999, 32731),
+        (83.9, -179.9, 32601),
+        (85.0, 20.0, 5041),  # under the ice: UTM ends at 84 degrees north
+        (-79.9, 180.0, 32701),
+        (-80.5, 166.0, 5042),
+    ],
+)
+def test_a_chart_near_a_pole_is_in_its_polar_projection(latitude, longitude, code):
+    pytest.importorskip("rasterio")
+    export = SimpleNamespace(reference=SimpleNamespace(origin=(latitude, longitude)), survey=SimpleNamespace(crs=None))
+    assert target_crs(export).to_epsg(confidence_threshold=20) == code
