@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from auv_lse_common.mission_file.operating_area import Grid
+from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.factor import IllConditionedError
@@ -26,6 +27,8 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+#: Least spacing (m) of the cells over which the gradient of a reward is summed, but for narrow areas.
+COARSE_M = 30.0
 #: A map of at most so many cells is not limited: it would save nothing.
 MANY_CELLS = 5000
 #: Cells are within reach up to this far from the legs, in length scales of the kernel; after a drift, at least the
@@ -75,6 +78,19 @@ class GroundWindow:
         self._centers = NO_CENTERS
         self._is_current = True  # whether the posterior holds `_centers`
         self._take_grids(map_grid, coarse_grid)
+
+    @classmethod
+    def of(cls, settings: PlannerSettings, area: OperatingArea, posterior: Posterior, spacing_m: float) -> GroundWindow:
+        """The map of an area, with cells of `planner.map_spacing_m`.
+
+        Raises:
+            ParameterError: if these are too many, or none lies in the area.
+        """
+        grids = (
+            area.grid(spacing_m, "planner.map_spacing_m"),
+            area.grid(max(area.cell_m(COARSE_M), spacing_m)),
+        )
+        return cls(posterior, settings.gp, settings.level_set, *grids)
 
     def _take_grids(self, grid: Grid, coarse_grid: Grid) -> None:
         self.grid, self._coarse_grid = grid, coarse_grid

@@ -61,9 +61,6 @@ from auv_lse_planner.vehicle.until import Until
 
 Array = NDArray[np.float64]
 
-#: Least spacing (m) of the cells over which the gradient of a tour's reward is summed, but for narrow areas.
-COARSE_M = 30.0
-
 
 class VehiclePlanner:
     """Plans for one vehicle; see the module's theory of operation.
@@ -105,14 +102,12 @@ class VehiclePlanner:
         self.until = Until(settings, area, self.team.others)
         self.plans_refused = 0
         self.records: list[BoundRecord] = []
-        map_grid = area.grid(self.planner.map_spacing_m, "planner.map_spacing_m")
-        coarse_grid = area.grid(max(area.cell_m(COARSE_M), self.planner.map_spacing_m))
         self._context = PlanningContext(
             vehicle=vehicle,
             settings=settings,
             space=self.space,
             rollout=self.rollout,
-            window=GroundWindow(self.posterior, settings.gp, settings.level_set, map_grid, coarse_grid),
+            window=GroundWindow.of(settings, area, self.posterior, self.planner.map_spacing_m),
             team=self.team,
             horizon=self.until.horizon,
             rng=rng,
