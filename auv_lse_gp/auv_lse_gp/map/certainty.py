@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 FOUND, LIKELY, GUESSED = "found", "likely", "guessed"
 CLASSES = (FOUND, LIKELY, GUESSED)
 
-#: Largest horizontal standard deviation (m) of a piece of each class. A line more uncertain than any lake is large is not
+#: Largest horizontal standard deviation (m) of a piece of each class. A line more uncertain than a lake is large is not
 #: even a guess: far from all soundings, a constant mean crosses the level by a millionth of a metre.
 MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0, GUESSED: 1e5}
 
