@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M, VehicleConfig
 from auv_lse_common.support.atomic_files import written_whole
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.likelihood import TREND_EXTENTS, fit
@@ -70,7 +71,7 @@ def survey_run(
     """
     points = np.concatenate([vehicle.soundings.points_m for vehicle in vehicles])
     if len(points) < LEAST_SOUNDINGS:
-        raise LogError(f"The survey has {len(points)} usable soundings, and a map needs {LEAST_SOUNDINGS}.")
+        raise LogError(f"The survey has {counted(len(points), 'usable sounding')}, and a map needs {LEAST_SOUNDINGS}.")
     level_m = round(float(np.median(points[:, 2])), 1) if level_m is None else level_m
     learned = _learned(points, max(depth_std_m, LEAST_NOISE_M))
     area = surveyed_area(points[:, :2], learned["length_scale_m"])
