@@ -83,3 +83,16 @@ def test_gradient_with_the_cells_near_a_path_agrees_with_finite_differences(monk
     aside = np.random.default_rng(0).normal(size=path_m.shape)
     slope = (reward.coarse_value(path_m + 0.02 * aside) - reward.coarse_value(path_m - 0.02 * aside)) / 0.04
     assert (gradient * aside).sum() == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("mates", [[], MATES], ids=["alone", "with mates"])
+@pytest.mark.parametrize("loss", [LevelSet(), LineLoss(15.0, 25.0)], ids=["risk", "line"])
+def test_a_path_far_from_all_cells_that_count_brings_nothing(monkeypatch, loss, mates):
+    monkeypatch.setattr(anytime, "FEW_CELLS", 100)
+    reward = _reward(loss, mates, 1.4)
+    path_m = np.column_stack([9000.0 + 14.0 * np.arange(30.0), np.full(30, 9000.0)])
+    none = reward.value(np.empty((0, 1, 2)))
+    value = reward.value(path_m[:, None])
+    assert value.expected_end == pytest.approx(none.expected_end, abs=1e-9)
+    assert value.weighted == pytest.approx(none.weighted, abs=1e-9)
+    assert not reward.value_and_gradient(path_m)[1].any()
