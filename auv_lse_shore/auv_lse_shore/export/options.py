@@ -38,7 +38,12 @@ def add_survey_options(p: argparse.ArgumentParser) -> None:
         help="height of the water surface above the datum: a number, or a table (time_s or time_utc, level_m); it is "
         "subtracted from every depth",
     )
-    group.add_argument("--datum", default="", metavar="NAME", help='vertical datum of the depths, such as "LN02"')
+    group.add_argument(
+        "--datum",
+        default="",
+        metavar="NAME",
+        help='vertical datum of the depths, near the water surface, such as LAT or "LN02 372 m"',
+    )
     group.add_argument(
         "--sound-speed",
         metavar="MPS|CSV",

@@ -92,7 +92,7 @@ class Survey:
             SurveyError: if a water level has no datum.
         """
         if self.water_level is not None and not self.datum:
-            raise SurveyError("--water-level needs --datum, the datum's name, such as LN02")
+            raise SurveyError('--water-level needs --datum, the datum\'s name, such as LAT or "LN02 372 m"')
 
     @property
     def vertical_datum(self) -> str:
