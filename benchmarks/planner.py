@@ -223,12 +223,12 @@ def _decision(method: str, count: int, sizes: Sizes) -> list[Row]:
     times, values = [], []
     for _ in range(sizes.repeats):
         made = planner(method, count, **sizes.options)
-        made._take_centers(evaluates=True)  # the node takes the map as it arrives
+        made._take_centers(np.zeros(3), evaluates=True)  # the node takes the map as it arrives
         begin = time.process_time()
         values.append(made.decide(0.0).bound.expected_end)
         times.append(1e3 * (time.process_time() - begin))
     made = planner(method, count, **sizes.options)
-    made._take_centers(evaluates=True)
+    made._take_centers(np.zeros(3), evaluates=True)
     limited = made.decide(0.0, deadline=_after_20_ms())
     share = limited.bound.expected_end / float(np.median(values))
     took, what = float(np.median(times)), f"{method}, {count} centers, step 0"
@@ -251,7 +251,7 @@ def _flown(made: VehiclePlanner, legs: int, now_s: float) -> float:
 def under_way(sizes: Sizes = FULL) -> list[Row]:
     """What a 20 ms deadline leaves of a decision of `tour` that looks for another plan, with one in hand."""
     made = planner("tour", sizes.centers, **sizes.options)
-    made._take_centers(evaluates=True)
+    made._take_centers(np.zeros(3), evaluates=True)
     every, now_s = made.planner.tour_interval, 0.0
     assert every is not None
     shares = []

@@ -256,11 +256,9 @@ class VehiclePlanner:
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
         self.until.begin_decision(now_s, step)
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
-        if self._context.window.limit(state[1:], (total - step) * float(self.motion.lengths_m.max())):
-            self._reward.continue_with_other_cells()
         method = self._method  # before it takes the map, whose size it may bound
         evaluates = method.evaluates(step, self.planner) or bool(last and self._surfacings.is_considered(last.path))
-        self._take_centers(evaluates)
+        self._take_centers(state, evaluates)
         self._keep_off_shallows(state, evaluates)
         situation = Situation(
             planner=self.planner,
@@ -471,8 +469,10 @@ class VehiclePlanner:
         start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
         return self._context.naive_plan(0, start, FITTED[(mate - 1) % len(FITTED)])
 
-    def _take_centers(self, evaluates: bool) -> None:
-        window = self._context.window
+    def _take_centers(self, state: Array, evaluates: bool) -> None:
+        window, legs = self._context.window, self._travel.steps - self._travel.decided
+        if window.limit(state[1:], legs * float(self.motion.lengths_m.max())):
+            self._reward.continue_with_other_cells()
         if not self.planner.family.sends_tours:
             window.release()
         centers, self._new_centers = self._new_centers, None
