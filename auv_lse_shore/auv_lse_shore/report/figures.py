@@ -75,8 +75,8 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure with constrained layout."""
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+    """An empty figure; maps keep together in its middle."""
+    return Figure(figsize=(width_in, height_in), layout="compressed")
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
