@@ -367,6 +367,7 @@ class _ExpectedRiskDrop:
         self._posterior, self._cache_inverse = posterior, cache_inverse
         self._counted, self._cells, self._scale = counted, counted.cells, counted.scale
         self._before = float(counted.losses.before.sum())
+        self._before_without_inflation = float((counted.uninflated or counted.losses).before.sum())
         self._mates, self._mate_groups = mates, mate_groups
         self._timetables: dict[bytes, Timetable] = {}
 
@@ -386,9 +387,9 @@ class _ExpectedRiskDrop:
         risks = near.counted.losses.sums(left) + near.elsewhere
         drops = -self._scale * np.diff(risks, prepend=self._before)
         end = float(drops.sum())
-        if near.counted.uninflated is not None and self._counted.uninflated is not None:
+        if near.counted.uninflated is not None:
             after = float(near.counted.uninflated.sums(left[-1:])[0]) + near.elsewhere_at_end
-            end = self._scale * (float(self._counted.uninflated.before.sum()) - after)
+            end = self._scale * (self._before_without_inflation - after)
         return Value(float(self.schedule.weights @ drops), end)
 
     def weighted(self, locations_m: Array, legs: Array) -> float:
