@@ -1,17 +1,15 @@
 """Gain of a fix: the reduction of the loss that uncertain positions of soundings cause.
 
 The planners' risk undervalues a fix: the prior's variance is several times the map's squared errors
-(docs/design/locations.md), so the variance due to uncertain positions hardly counts. The gain is therefore computed
+(docs/design/positions.md), so the variance due to uncertain positions hardly counts. The gain is therefore computed
 with the variance estimated from the soundings. Let v be the map's variance without location errors, D the location
-effects
-(`Posterior`), D_1 those that a fix removes, and c^2 = `Posterior.variance_scale`:
+effects (`Posterior`), D_1 those that a fix removes, and c^2 = `Posterior.variance_scale`:
 
     gain = sum over the map of r(mean, sqrt(c^2 v + D^2)) - r(mean, sqrt(c^2 v + D^2 - D_1^2)).
 
 The gain has the unit of the map's risk and is summed over the same locations as a path's reward. For c = 0 it is the
 area by which the isobath may be displaced, times the cost of an error. It ignores the benefit for future soundings,
-which
-start from a better known position.
+which start from a better known position.
 """
 
 from __future__ import annotations
