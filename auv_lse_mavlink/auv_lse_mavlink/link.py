@@ -18,8 +18,7 @@ Depth comes from pressure, and depth targets are shifted into the autopilot's da
 
 Until the autopilot's origin is known, and after one that was refused, positions are not in the mission's frame, so
 neither odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs backwards, or the
-link is
-lost) may have another origin and clock: both are requested again.
+link is lost) may have another origin and clock: both are requested again.
 
 Waypoints arrive as ends of legs (`targets/sender.py`). While the link is down, targets are kept and the autopilot's own
 failsafe acts. When it is up again, the current target, or the mission, is sent again.

@@ -1,10 +1,9 @@
 """The dead-reckoned position of a vehicle with an autopilot: its estimate without the corrections by GPS fixes.
 
 At the surface an autopilot's estimator jumps or drifts to the GPS position. The dead-reckoned position follows the
-estimate's steps
-with two exceptions, which are replaced by velocity times time: steps that the reported velocity does not explain, and
-all steps at the surface after the first dive. When the vehicle dives after a GPS fix, estimate and dead-reckoned
-position are reported as a fix.
+estimate's steps with two exceptions, which are replaced by velocity times time: steps that the reported velocity does
+not explain, and all steps at the surface after the first dive. When the vehicle dives after a GPS fix, estimate and
+dead-reckoned position are reported as a fix.
 """
 
 from __future__ import annotations

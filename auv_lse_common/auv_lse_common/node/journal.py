@@ -13,8 +13,7 @@ written: some seconds.
 A journal that cannot be written, as on a full disk, would soon be out of date: an abort would be missing. So it is
 marked in place, which needs no space: `?` overwrites its first byte, its records are dropped, and `!` takes the
 position of `?`. A later process does not restore the dropped records and finds `stale` set; records after `!` are newer
-than the
-mark and valid.
+than the mark and valid.
 """
 
 from __future__ import annotations

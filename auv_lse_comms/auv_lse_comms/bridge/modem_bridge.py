@@ -193,8 +193,8 @@ class ModemBridge:
 
         With `packet.navigation` their dead-reckoned positions are sent. Unusable soundings are dropped and counted:
         "samples.bad" have a number that is not finite; "samples.outside" are outside the limits, with which every
-        receiver would
-        refuse the whole packet; "samples.unplaced" lack a dead-reckoned position that `packet.navigation` needs.
+        receiver would refuse the whole packet; "samples.unplaced" lack a dead-reckoned position that
+        `packet.navigation` needs.
 
         Args:
             soundings: Soundings in time order, or rows as `Soundings.from_rows` reads them.

@@ -67,9 +67,8 @@ class CachedMoments:
     An update conditions on all new measurements together. They add the rows R = L22^-1 (k(new, locations) - L21 L11^-1
     k(old, locations)) to the whitened covariance. The mean increases by R^T b_new, and the variance decreases by the
     sum of R^2. The cost is one pass over k(old, locations). The last `provisional` measurements may still change, so
-    each
-    update starts from the state before them. The variance that uncertain positions add (`Posterior.position_variance`)
-    is recomputed as a whole.
+    each update starts from the state before them. The variance that uncertain positions add
+    (`Posterior.position_variance`) is recomputed as a whole.
     """
 
     def __init__(self, posterior: Posterior, locations_m: Array, provisional: int = 0) -> None:

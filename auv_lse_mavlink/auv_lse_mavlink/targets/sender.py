@@ -6,10 +6,9 @@ Targets arrive in order, each before the previous one is reached. A target with 
 and all later ones. A target whose leg begins elsewhere than at the last target (by more than `acceptance_m`) replaces
 all: the planner has dropped that leg and plans from the vehicle's position. The first target is the current one; the
 next replaces it when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current
-one
-is sent at once, and again as the autopilot needs it (`delivery.py`). In mode "mission" all are uploaded whenever one is
-added, and when the autopilot is armed or enters the mode; the first is made the current item, because autopilots keep
-their index.
+one is sent at once, and again as the autopilot needs it (`delivery.py`). In mode "mission" all are uploaded whenever
+one is added, and when the autopilot is armed or enters the mode; the first is made the current item, because autopilots
+keep their index.
 
 If a target requires it, the vehicle surfaces there for a fix before it continues (`surfacing.py`): the same position is
 sent at the surface, then at its depth, and later targets wait.

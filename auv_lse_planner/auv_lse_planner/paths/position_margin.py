@@ -2,9 +2,8 @@
 
 `area.margin_m` covers turns and a location with a standard deviation of up to that distance. Where the deviation
 towards the border is larger, a vehicle keeps `DEVIATIONS` of them from the border. Only the next legs of a plan are
-compared
-with this margin. Feasible actions and the paths of team mates depend on `area.margin_m` alone, so a growing margin
-makes no plan void.
+compared with this margin. Feasible actions and the paths of team mates depend on `area.margin_m` alone, so a growing
+margin makes no plan void.
 """
 
 from __future__ import annotations
@@ -38,8 +37,7 @@ def room_shortfall(space, room, locations, margin, covariance):
 
     The clearance needed is `room`. Where the location's standard deviation towards the border exceeds `margin` (m),
     which the raster contains, it is larger by what `DEVIATIONS` of them exceed `margin` by. Changes of the border's
-    direction
-    do not count in the gradient.
+    direction do not count in the gradient.
 
     Args:
         covariance: Covariance of the vehicle's position (m^2), (2, 2); `EXACT` for the room alone.
