@@ -129,14 +129,19 @@ def _check_recovery(settings: Settings, findings: Findings) -> None:
 
 def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, findings: Findings) -> None:
     south, north, west, east = area.extent_m
-    across = min(north - south, east - west) - 2.0 * settings.area.margin_m
+    wide, margin = min(north - south, east - west), settings.area.margin_m
+    across = wide - 2.0 * margin
     circle = 2.0 * settings.motion.turn_radius_m
     spacing = settings.common.planner.lane_spacing_m
     if across < circle:
-        findings.error(
-            f"area.polygon_m is {across:.0f} m wide inside area.margin_m, too narrow for a turning circle of "
-            f"{circle:g} m"
-        )
+        narrow = f"area.polygon_m is {wide:.0f} m wide, and area.margin_m ({margin:g} m) on both sides leaves "
+        if across <= 0.0:
+            findings.error(f"{narrow}nothing. Choose a smaller margin or a wider area")
+        else:
+            findings.error(
+                f"{narrow}{across:.3g} m, but a turning circle takes {circle:g} m. Choose a motion.turn_radius_m of "
+                f"at most {across / 2.0:.3g} m, a smaller margin or a wider area"
+            )
         return
     if spacing < circle:
         findings.warning(

@@ -199,7 +199,14 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
             {"area": {"polygon_m": [-20.0, -20.0, 20.0, -20.0, 20.0, 600.0, -20.0, 600.0]}},
             None,
             "error",
-            "a turning circle",
+            r"40 m wide, and area.margin_m \(10 m\) on both sides leaves 20 m.* circle takes 30 m. Choose a "
+            "motion.turn_radius_m of at most 10 m,",
+        ),
+        (
+            {"area": {"polygon_m": [-8.0, -20.0, 8.0, -20.0, 8.0, 600.0, -8.0, 600.0]}},
+            None,
+            "error",
+            r"16 m wide, and area.margin_m \(10 m\) on both sides leaves nothing. Choose a smaller margin or a wider",
         ),
         (
             {},
