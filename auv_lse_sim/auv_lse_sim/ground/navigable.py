@@ -470,10 +470,13 @@ def _coverage(settings: Settings) -> str:
     path_m = mission.vehicles * mission.steps * motion.leg_length_m
     spacing = area_m2 / path_m
     covers = coverage(area_m2, mission, motion, settings.common.gp)
+    path = f"{path_m / 1000.0:.1f} km" if path_m >= 100.0 else f"{path_m:.0f} m"
+    lanes = f"{spacing:.{0 if spacing >= 10.0 else 1}f} m between lawnmower lanes"
+    if spacing > math.sqrt(area_m2):
+        lanes = "less than one lawnmower lane"
     text = (
-        f"coverage: {counted(mission.vehicles, 'vehicle')} x {counted(mission.steps, 'step')}, {path_m / 1000.0:.1f} "
-        f"km of path in {_km2(area_m2)}, {spacing:.0f} m between lawnmower lanes. At most "
-        f"{100.0 * min(covers, 1.0):.0f} % of the area is within half a length scale "
+        f"coverage: {counted(mission.vehicles, 'vehicle')} x {counted(mission.steps, 'step')}, {path} of path in "
+        f"{_km2(area_m2)}, {lanes}. At most {100.0 * min(covers, 1.0):.0f} % of the area is within half a length scale "
         f"({settings.common.gp.length_scale_m / 2.0:g} m) of a path"
     )
     methods = sorted({own.planner.method for own in settings.vehicles})

@@ -208,6 +208,8 @@ def test_expectations():
     assert "too large" in coverage(**{"mission.vehicles": 1})
     assert "48 %" in coverage(**{"mission.vehicles": 1})  # 2356 m x 85 m / 420000 m2
     assert "too small" in coverage(**{"mission.steps": 300})
+    assert "71 m of path in 0.42 km2, less than one lawnmower lane." in coverage(**{"mission.steps": 1})
+    assert "5.9 m between lawnmower lanes" in coverage(**{"mission.steps": 1000})
 
 
 #: 3 km x 3 km: 200 legs of three vehicles cover .13 of it.
