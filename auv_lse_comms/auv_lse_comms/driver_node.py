@@ -100,7 +100,9 @@ class DriverNode(VehicleNode):
             self._waited_for = None
         elif self._waited_for is not None and health.text != self._waited_for:
             self._waited_for = health.text
-            self.get_logger().warning(f"waiting for a device on {self._address}: {health.text}")
+            text = f"waiting for a device on {self._address}: {health.text}"
+            self.get_logger().warning(text)
+            self.report_on_terminal(f"auv{self.vehicle}: {text}")
 
     def _on_timer(self) -> None:
         self.log_ready()

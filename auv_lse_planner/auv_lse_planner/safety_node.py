@@ -108,12 +108,19 @@ class SafetyNode(VehicleNode):
             self._published += 1
             self._keep()  # before anyone learns of it
             texts = tuple(f"{name}: {reason}" for name, reason in warnings.items())
+            if self._report is None or status != self._report.status:
+                self._tell(f"{status.state.name}: {status.reason or 'travelling'}")
             self._report = RunReport(stamp_s=now_s, revision=self._published, status=status, warnings=texts)
             self._publish_state(now_s)
             self.get_logger().info(f"mission {status.state.name}: {status.reason or 'travelling'}")
         elif not self.lockstep and self._heartbeats.is_due(now_s):
             self._publish_state(now_s)
         self._diagnose(now_s)
+
+    def _tell(self, text: str) -> None:
+        """Reports to the operator of the vehicle's terminal; the display of a mission in lockstep has its own lines."""
+        if not self.lockstep:
+            self.report_on_terminal(f"auv{self.vehicle}: {text}")
 
     def _publish_state(self, now_s: float) -> None:
         self._heartbeats.done(now_s)
@@ -124,6 +131,7 @@ class SafetyNode(VehicleNode):
         new = self._new_problems.of(problems)
         for problem in new:
             self.get_logger().warning(problem)
+            self._tell(f"warning: {problem}")
         if new or self._health_reports.is_due(now_s):
             self._health_reports.done(now_s)
             self._keep()  # updates the running time

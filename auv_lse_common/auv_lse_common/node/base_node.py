@@ -159,7 +159,11 @@ class BaseNode(Node):
     def on_foreign_messages(self, text: str) -> None:
         """Reports another dive on the log and on the terminal of the command that has started the node."""
         self.get_logger().warning(text)
-        Heartbeat(os.environ).report(f"{self.get_fully_qualified_name()}: {text}")
+        self.report_on_terminal(f"{self.get_fully_qualified_name()}: {text}")
+
+    def report_on_terminal(self, text: str) -> None:
+        """Prints a line on the terminal of the command that has started the node."""
+        Heartbeat(os.environ).report(text)
 
     def now_s(self) -> float:
         """Time of the node's ROS clock (s)."""

@@ -22,8 +22,8 @@ pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = tuple(f"auv_lse_{name}" for name in ("msgs", "common", "run", "gp", "planner", "comms", "record"))
-DRIVERS = ("micromodem_node", "vehicle_link_node")
-NODES = ("recorder_node", "gp_node", "safety_node", "planner_node", "modem_node", *DRIVERS)
+PORTS = {"modem.port": "micromodem_node", "link.endpoint": "vehicle_link_node"}
+NODES = ("recorder_node", "gp_node", "safety_node", "planner_node", "modem_node", *PORTS.values())
 MISSION = {
     "mission": {"vehicles": 1, "steps": 5},
     "area": {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0]},
@@ -31,6 +31,7 @@ MISSION = {
     "modem": {"kind": "micromodem", "port": "tcp://127.0.0.1:1"},
     "link": {"kind": "mavlink", "endpoint": "udpin://127.0.0.1:0"},
     "record": {"folder": "bag"},
+    "vehicle": {"start": "on_call"},
 }
 
 
@@ -87,7 +88,9 @@ def mission_file(folder: Path, link: str = "mavlink") -> Path:
 
 
 def dive(environment: dict[str, str], mission: Path, nodes: tuple[str, ...]) -> None:
-    """Runs a vehicle until its nodes have started, and ends it."""
+    """Runs a vehicle until its nodes have started and its terminal shows what it waits for, and ends it."""
+    expected = [*(f"auv1.{name} started, process " for name in nodes), "auv1: WAITING: waits for GO\n"]
+    expected += [f"auv1: waiting for a device on {port} " for port, node in PORTS.items() if node in nodes]
     output = mission.with_name("out.txt")
     with own_domain(VEHICLE_DOMAINS) as domain, output.open("w") as file:
         command = ("vehicle", "auv1", str(mission), "--domain", str(domain))
@@ -97,17 +100,15 @@ def dive(environment: dict[str, str], mission: Path, nodes: tuple[str, ...]) -> 
         )  # fmt: skip
         try:
             until = time.monotonic() + 120.0
-            while output.read_text().count(" started, process ") < len(nodes):
+            while not all(text in output.read_text() for text in expected):
                 assert process.poll() is None, output.read_text()
                 assert time.monotonic() < until, output.read_text()
                 time.sleep(0.2)
-            time.sleep(5.0)
             process.send_signal(signal.SIGTERM)
             assert process.wait(60.0) == 0
         finally:
             process.kill()
     text = output.read_text()
-    assert [name for name in nodes if f"auv1.{name} started" not in text] == [], text
     assert "died" not in text
     assert "auv1: all nodes have ended" in text
     assert (mission.parent / "dive" / "bag").is_dir()
