@@ -252,6 +252,17 @@ def check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles:
     return number
 
 
+def beyond_team(pattern: str, vehicles: int, where: str) -> str:
+    """That nobody reads a pattern's parameters, because its vehicle is beyond the team; "" if it is not."""
+    number = _vehicle_of(pattern)
+    if number is None or number <= vehicles:
+        return ""
+    return (
+        f"{where}: {pattern}: there is no vehicle {number}, because mission.vehicles is {vehicles}. These parameters "
+        "are ignored"
+    )
+
+
 def _by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """Overrides with the node pattern of each, in their order."""
     found: list[tuple[str, dict[str, Any]]] = []

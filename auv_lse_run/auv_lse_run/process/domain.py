@@ -376,6 +376,21 @@ def vehicle_on(domain: int, vehicle: int) -> tuple[str, str, int] | None:
     return lines[0], lines[1], int(lines[2]) if lines[2].isdecimal() else 0
 
 
+def refuse_running_dive(folder: Path, vehicle: int) -> None:
+    """Refuses a second start of the dive in `folder`: two would command one vehicle, and write the same files.
+
+    Raises:
+        DomainError: if nodes of the vehicle run there now, in any domain.
+    """
+    for domain in busy_domains():
+        found = vehicle_on(domain, vehicle)
+        if found is not None and found[0] == str(folder):
+            raise DomainError(
+                f"{folder} has the dive of auv{vehicle} that runs now, in ROS domain {domain} (process {found[2]}). "
+                "End it first, or choose another folder with --out"
+            )
+
+
 def domain_number(text: str) -> int:
     """A ROS domain from text, as in ROS_DOMAIN_ID.
 

@@ -20,8 +20,10 @@ import yaml
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, section
+from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.table import check_sections
+from auv_lse_common.mission_file.settings import beyond_team, check_pattern
 from auv_lse_common.node.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
 from auv_lse_common.support.installed_copy import COPY_VARIABLE, note_software, own_copy
 from auv_lse_common.support.project_folder import project_folder
@@ -34,6 +36,7 @@ from auv_lse_run.process.domain import (
     loopback_problem,
     node_environment,
     note_run,
+    refuse_running_dive,
     simulator_of,
     vehicle_domain,
     wanted_domain,
@@ -149,6 +152,26 @@ def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record:
     )
 
 
+def ignored_parameters(file: Path) -> list[str]:
+    """What in a mission file looks like a vehicle's parameters, and is read by none of its nodes.
+
+    Raises:
+        ParameterError: if the file cannot be read.
+    """
+    patterns = read_parameter_file(file)
+    vehicles = section(MissionConfig, parameters_for(patterns, "/settings"), "mission", str(file)).vehicles
+    found = []
+    for pattern in patterns:
+        if beyond := beyond_team(pattern, vehicles, str(file)):
+            found.append(beyond)
+        elif pattern.count("/") < 2 or "*" in pattern:  # others are of one node, such as a driver
+            try:
+                check_pattern(pattern, {}, str(file), vehicles)
+            except ParameterError as error:
+                found.append(str(error))
+    return found
+
+
 def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: bool) -> tuple[DiveRecord, Path]:
     """The record of the dive that this start begins or continues, and its folder for logs and recording.
 
@@ -191,12 +214,13 @@ def begin_dive(
         The domain, and further variables of the nodes' environment (`DiveRecord.begin`).
 
     Raises:
-        DomainError: if the domain is invalid or in use.
+        DomainError: if the domain is invalid or in use, or if the vehicle's nodes run in `out` already.
         StateFolderError: if the nodes' state could not be kept.
     """
     simulator = simulator_of(file.resolve().parent) if processes.simulated else None
     domain = domain_number(wanted_domain(wanted) or simulator or "0")
     with vehicle_domain(domain, processes.vehicle, processes.simulated):
+        refuse_running_dive(out, processes.vehicle)
         dive = (processes.simulated and dive_on(domain)) or new_dive(f"auv{processes.vehicle}")
         variables = record.begin(out, dive) | {COPY_VARIABLE: own_copy()}
         note_software(out)
@@ -278,7 +302,7 @@ def run(options: argparse.Namespace) -> int:
         number, out = vehicle_number(options.name), options.out
         record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
         processes = vehicle_processes(options.name, options.file.resolve(), out, options.simulated, options.record)
-        tasks = processes.tasks()
+        tasks, ignored = processes.tasks(), ignored_parameters(options.file)
         domain, variables = stack.enter_context(begin_dive(processes, options.domain, options.file, out, record))
     except (ParameterError, LaunchError, DomainError, StateFolderError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -291,6 +315,8 @@ def run(options: argparse.Namespace) -> int:
         follows = f", following the simulator{lockstep}" if processes.simulated else ""
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
         doubt = record.doubt and f"holds until RESET: {record.doubt}"
+        for text in ignored:
+            _say(f"warning: {text}")
         for text in filter(None, (doubt, record.copies_problem, loopback_problem())):
             _say(f"auv{number}: {text}")
         waits = {WAIT_VARIABLE: "1"} if options.wait else {}

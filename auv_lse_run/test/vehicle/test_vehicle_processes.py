@@ -13,7 +13,14 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import open_state
 from auv_lse_common.vocabulary.mission_run import RunState
-from auv_lse_run.vehicle.run_vehicle import open_dive, vehicle_number, vehicle_processes
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
+from auv_lse_run.vehicle.run_vehicle import (
+    begin_dive,
+    ignored_parameters,
+    open_dive,
+    vehicle_number,
+    vehicle_processes,
+)
 
 main = verb_main("vehicle")
 
@@ -125,6 +132,34 @@ def test_a_recording_of_a_dive_that_was_ended_is_not_added_to(tmp_path: Path) ->
 def test_unknown_section_is_rejected(name: str, value: object, tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name} must be a mapping of parameters, not"):
         processes(write(tmp_path, **{name: value}))
+
+
+def test_a_dive_that_runs_is_not_started_again_in_another_domain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = write(tmp_path), tmp_path / "dive"
+    with own_domain(VEHICLE_DOMAINS) as one, own_domain(VEHICLE_DOMAINS) as other:
+        record, _ = open_dive("auv2", file, out, tmp_path / "dives", False)
+        with begin_dive(processes(file), str(one), file, out, record):
+            kept = (out / "auv2.dive").read_bytes()
+            assert main(["auv2", str(file), "--out", str(out), "--domain", str(other)]) == 2
+            assert f"the dive of auv2 that runs now, in ROS domain {one} (process " in capsys.readouterr().err
+            assert (out / "auv2.dive").read_bytes() == kept
+
+
+def test_parameters_that_no_vehicle_has_are_listed(tmp_path: Path) -> None:
+    file = write(tmp_path)
+    text = file.read_text()
+    assert ignored_parameters(file) == []
+    file.write_text(f"{text}/auv7/**: {{ros__parameters: {{vehicle: {{depth_m: 3.0}}}}}}\n")
+    assert ignored_parameters(file) == [
+        f"{file}: /auv7/**: there is no vehicle 7, because mission.vehicles is 3. These parameters are ignored"
+    ]
+    file.write_text(f"{text}/auv2: {{ros__parameters: {{vehicle: {{depth_m: 3.0}}}}}}\n")
+    (found,) = ignored_parameters(file)
+    assert "/auv2 matches only a node with the name /auv2; write '/auv2/**'" in found
+    file.write_text(f"{text}/auv2/sounder_node: {{ros__parameters: {{baud: 9600}}}}\n")
+    assert ignored_parameters(file) == [], "a driver's own parameters"
 
 
 def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,7 +24,7 @@ from auv_lse_common.mission_file.sections.table import (
     check_sections,
 )
 from auv_lse_common.mission_file.sections.vehicle import with_depth
-from auv_lse_common.mission_file.settings import Patterns, Settings, check_pattern
+from auv_lse_common.mission_file.settings import Patterns, Settings, beyond_team, check_pattern
 from auv_lse_shore.check.findings import Findings
 
 #: Largest number of vehicles of a mission.
@@ -117,12 +117,9 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
     mission: MissionConfig = team["mission"]
     named = {p: number for p, number in owners.items() if number is not None}
     if findings.usable("mission.vehicles"):
-        for pattern, number in named.items():
-            if number > mission.vehicles:
-                findings.warning(
-                    f"{where}: {pattern}: there is no vehicle {number}, because mission.vehicles is "
-                    f"{mission.vehicles}. These parameters are ignored"
-                )
+        for pattern in named:
+            if beyond := beyond_team(pattern, mission.vehicles, where):
+                findings.warning(beyond)
     else:  # the largest number in the file
         most = max((number for number in named.values() if number <= _MOST_VEHICLES), default=mission.vehicles)
         team["mission"] = mission = dataclasses.replace(mission, vehicles=most)
