@@ -7,6 +7,7 @@ Jazzy and of this project.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -257,7 +258,7 @@ class Recording:
     def _broken(self, error: Exception) -> RecordingError:
         return RecordingError(
             f"{self.path}: cannot be read as a rosbag2 recording: {str(error).rstrip('.')}. If the recorder was "
-            f"killed, repair it: auv_lse recover {self.path}"
+            f"killed, repair it: auv_lse recover {shlex.quote(str(self.path))}"
         )
 
 

@@ -167,7 +167,7 @@ def test_killed_recorder_loses_at_most_two_seconds_and_is_recovered(tmp_path: Pa
     folder.parent.mkdir()
     done = subprocess.run([sys.executable, "-c", KILLED.format(path=sys.path, folder=str(folder))], check=False)
     assert done.returncode == -9
-    with pytest.raises(RecordingError, match=r"auv_lse recover .*bag\.mcap"), Recording(recording_in(folder)):
+    with pytest.raises(RecordingError, match=r"auv_lse recover '.*bag\.mcap'"), Recording(recording_in(folder)):
         pass
     found = recover(folder.parent)
     assert found.messages >= 280, "thirty seconds at 10 Hz, less two"

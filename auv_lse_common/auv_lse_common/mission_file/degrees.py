@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -168,7 +169,7 @@ def _content_of(area: dict[str, Any], folder: Path, where: str, read_area: AreaR
     if name and read_area is None:
         raise ParameterError(
             f"{where}: area.file names {name}, which only the commands on shore read. Write a mission file that has "
-            f"the area: auv_lse mission {Path(where).name} --for-vehicles vehicles.yaml"
+            f"the area: auv_lse mission {shlex.quote(Path(where).name)} --for-vehicles vehicles.yaml"
         )
     try:
         content = read_area(folder / name) if name and read_area else AreaContent()

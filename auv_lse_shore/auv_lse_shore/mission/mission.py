@@ -7,6 +7,7 @@ import contextlib
 import importlib
 import json
 import os
+import shlex
 import shutil
 import threading
 import time
@@ -238,7 +239,8 @@ def report_mission(
             loading.join()  # Ctrl-C during imports of two threads can leave Python's import lock taken for good
         conclude(folder, settings, wall_s, phases, console, report=report)
     except KeyboardInterrupt:
-        _say(console, f"interrupted: {mission} and recorded. For its report: auv_lse replay {folder} --report")
+        again = f"auv_lse replay {shlex.quote(str(folder))} --report"
+        _say(console, f"interrupted: {mission} and recorded. For its report: {again}")
         return 130
     except ImportError as error:
         complain(f"{mission}, but {missing(error, 'its figures and report')}")

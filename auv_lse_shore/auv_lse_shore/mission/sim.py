@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -99,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
             file, where = folder / "mission.yaml", ""
             if options.apart:
                 file, where = folder / VEHICLES, f" --domain {VEHICLE_DOMAINS[vehicle - 1]}"
-            say(f"    auv_lse vehicle auv{vehicle} {file}{where}")
+            say(f"    auv_lse vehicle auv{vehicle} {shlex.quote(str(file))}{where}")
         processes = mission_processes(0, record=not options.no_record)
         owned, report = _until_released(reserved.pop_all(), domain), not options.no_report
         return fly(settings, folder, console, processes, owned, start_s=math.inf, report=report)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import functools
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -126,7 +127,7 @@ def _init(options: argparse.Namespace) -> int:
     if options.file.exists():
         raise FleetFileError(f"{options.file} exists already. Edit it, or name another file.")
     write_whole(options.file, fleet_text(options.hosts))
-    print(f"{options.file}: written. Edit it, then: auv_lse fleet {options.file} check")
+    print(f"{options.file}: written. Edit it, then: auv_lse fleet {shlex.quote(str(options.file))} check")
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,7 +119,9 @@ def read_fleet(path: Path) -> FleetFile:
     """
     refuse_folder(path)
     if not path.is_file():
-        raise FleetFileError(f"{path}: there is no such file. Write one: auv_lse fleet {path} init USER@HOST ...")
+        raise FleetFileError(
+            f"{path}: there is no such file. Write one: auv_lse fleet {shlex.quote(str(path))} init USER@HOST ..."
+        )
     try:
         found = read_yaml(path)
     except ParameterError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -181,7 +182,8 @@ def _is_checked(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], ledgers: Le
     for problem in errors:
         print(f"{problem.vehicle}: {problem.text}", file=sys.stderr)
     for name in idle:
-        print(f"{name}: its nodes do not run. Start them: auv_lse fleet {fleet.path} start {name}", file=sys.stderr)
+        start = f"auv_lse fleet {shlex.quote(str(fleet.path))} start {name}"
+        print(f"{name}: its nodes do not run. Start them: {start}", file=sys.stderr)
     if errors or idle:
         print("GO was sent to no vehicle. Remove the errors, or override them with --anyway.", file=sys.stderr)
     return not errors and not idle
