@@ -99,6 +99,21 @@ def test_what_is_no_serial_device_is_named(position):
         open_transport(read_address(position))
 
 
+@pytest.mark.parametrize("address", ["/dev/does-not-exist", "/dev/null", "udpin://127.0.0.1:{}", "tcp://127.0.0.1:1"])
+def test_an_error_names_its_port_once_and_the_cure(address):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        address = address.format(other.getsockname()[1])
+        with pytest.raises(TransportError) as found:
+            open_transport(read_address(address))
+    text = str(found.value)
+    assert text.startswith(f"{address}: cannot "), text
+    assert text.count(address) == 1, text
+    assert "Errno" not in text
+    if address != "/dev/null":  # no cure for what is no serial device
+        assert any(cure in text for cure in ("connect the device", "another program listens", "nothing listens"))
+
+
 def test_rts_and_dtr_of_a_modem_are_low_before_its_port_is_opened(monkeypatch):
     serial = pytest.importorskip("serial", reason="pyserial is not installed")
     levels = []

@@ -131,7 +131,8 @@ class SafetyNode(VehicleNode):
         new = self._new_problems.of(problems)
         for problem in new:
             self.get_logger().warning(problem)
-            self._tell(f"warning: {problem}")
+            if not (reason := self._safety.run.status.reason) or reason not in problem:
+                self._tell(f"warning: {problem}")
         if new or self._health_reports.is_due(now_s):
             self._health_reports.done(now_s)
             self._keep()  # updates the running time

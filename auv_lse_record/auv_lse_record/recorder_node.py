@@ -104,6 +104,7 @@ class RecorderNode(BaseNode):
         self.get_logger().info(f"recording to {folder}, about {expected_mb:.0f} MB")
         if lack := lack_of_space(expected_mb, free_mb(folder), config.least_free_mb):
             self.get_logger().warning(lack)
+            self.report_on_terminal(f"recorder: {lack}")
 
     def _write_text(self, topic: str, text: str) -> None:
         """Writes a text about the whole recording, which no node publishes."""
@@ -223,6 +224,7 @@ class RecorderNode(BaseNode):
         if self._bag.problem and not self._reported:
             self._reported = True
             self.get_logger().error(self._bag.problem)
+            self.report_on_terminal(f"recorder: {self._bag.problem}")
 
     def _on_tick(self, message: LockstepTick) -> None:
         if self.ignores(MISSION_TOPICS["/lockstep/tick"], message):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import socket
@@ -24,6 +25,26 @@ WRITE_TIMEOUT_S = 2.0
 
 class TransportError(OSError):
     """A port that cannot be opened, or has failed; its message names the port."""
+
+
+#: What to do about an error in opening a port.
+_CURES = {
+    errno.ENOENT: "connect the device, or name another port",
+    errno.EACCES: "add this user to the group of the device: sudo usermod -a -G dialout USER, then log in again",
+    errno.EAGAIN: "another program has it open; end that program",
+    errno.EBUSY: "another program has it open; end that program",
+    errno.EADDRINUSE: "another program listens there, such as a ground station; end it, or choose another port",
+    errno.EADDRNOTAVAIL: "this computer has no such address; use 127.0.0.1 (this computer) or 0.0.0.0 (every network)",
+    errno.ECONNREFUSED: "nothing listens there; start it, or name another port",
+}
+
+
+def _reason(error: Exception) -> str:
+    """Why a port cannot be opened, and the cure, without the port's name, which pyserial repeats."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number not in _CURES:
+        return str(error)
+    return f"{os.strerror(number)} ({_CURES[number]})"
 
 
 class Transport(Protocol):
@@ -115,7 +136,7 @@ class SerialPort(_StreamPort):
                 port.rts = port.dtr = False
             port.open()
         except (OSError, ValueError) as error:
-            raise TransportError(f"{device}: cannot be opened: {error}") from error
+            raise TransportError(f"{device}: cannot be opened: {_reason(error)}") from error
         super().__init__(device, port, port.write, "the device is gone")
 
 
@@ -132,7 +153,7 @@ class TcpPort(_StreamPort):
         try:
             connection = socket.create_connection((host, port), timeout=CONNECT_TIMEOUT_S)
         except (OSError, UnicodeError) as error:  # UnicodeError: an impossible host name
-            raise TransportError(f"{name}: cannot connect: {error}") from error
+            raise TransportError(f"{name}: cannot connect: {_reason(error)}") from error
         connection.settimeout(WRITE_TIMEOUT_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -164,7 +185,7 @@ class UdpPort:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
         except (OSError, UnicodeError) as error:
-            raise TransportError(f"{self._name}: {error}") from error
+            raise TransportError(f"{self._name}: cannot be opened: {_reason(error)}") from error
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
             if kind == "udpin":
@@ -175,7 +196,7 @@ class UdpPort:
                 self._socket.connect(address)
         except OSError as error:
             self._socket.close()
-            raise TransportError(f"{self._name}: {error}") from error
+            raise TransportError(f"{self._name}: cannot be opened: {_reason(error)}") from error
         self._connected = kind == "udpout"
         self._socket.setblocking(False)
 

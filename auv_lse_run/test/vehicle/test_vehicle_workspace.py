@@ -30,7 +30,7 @@ MISSION = {
     "tdma": {"send_duration_s": 4.1, "slot_s": 20.0},
     "modem": {"kind": "micromodem", "port": "tcp://127.0.0.1:1"},
     "link": {"kind": "mavlink", "endpoint": "udpin://127.0.0.1:0"},
-    "record": {"folder": "bag"},
+    "record": {"folder": "bag", "least_free_mb": 1e9},  # no disk has that much room
     "vehicle": {"start": "on_call"},
 }
 
@@ -90,6 +90,7 @@ def mission_file(folder: Path, link: str = "mavlink") -> Path:
 def dive(environment: dict[str, str], mission: Path, nodes: tuple[str, ...]) -> None:
     """Runs a vehicle until its nodes have started and its terminal shows what it waits for, and ends it."""
     expected = [*(f"auv1.{name} started, process " for name in nodes), "auv1: WAITING: waits for GO\n"]
+    expected += ["recorder: record.folder has 0 MB of free space", "recorder: the recording has ended; the mission con"]
     expected += [f"auv1: waiting for a device on {port} " for port, node in PORTS.items() if node in nodes]
     output = mission.with_name("out.txt")
     with own_domain(VEHICLE_DOMAINS) as domain, output.open("w") as file:
