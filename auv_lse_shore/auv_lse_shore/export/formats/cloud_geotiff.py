@@ -41,5 +41,5 @@ def write(export: Export) -> str:
         with memory.open() as file:
             geotiff.copy_whole(file, path, "COG", compress="deflate", overview_resampling="nearest")
     codes = np.bincount(chart.order[np.isfinite(chart.order)].astype(int), minlength=len(ORDERS))
-    shares = (f"{100.0 * n / max(codes.sum(), 1):.0f} % {o.name}" for n, o in zip(codes, ORDERS, strict=True) if n)
-    return f"chart.tif ({chart.crs.to_string()}; S-44 order of cells: {', '.join(shares)})"
+    shares = (f"{o.name} {100.0 * n / max(codes.sum(), 1):.0f} %" for n, o in zip(codes, ORDERS, strict=True) if n)
+    return f"chart.tif ({chart.crs.to_string()}; cells by S-44 order: {', '.join(shares)})"

@@ -45,5 +45,5 @@ def write(export: Export) -> str:
             degrees = (f"{value:.8f}" for value in location)
             writer.writerow([f"{stamp:.3f}", number, *cells, ORDERS[order].name, *degrees])
     counts = np.bincount([row[-1] for row in rows], minlength=len(ORDERS))
-    shares = ", ".join(f"{count} {order.name}" for order, count in zip(ORDERS, counts, strict=True) if count)
-    return f"soundings.csv ({counted(len(rows), 'sounding')}; S-44 order: {shares or 'none'})"
+    shares = ", ".join(f"{order.name} {count:,}" for order, count in zip(ORDERS, counts, strict=True) if count)
+    return f"soundings.csv ({counted(len(rows), 'sounding')}; by S-44 order: {shares or 'none'})"
