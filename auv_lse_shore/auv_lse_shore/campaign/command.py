@@ -52,19 +52,21 @@ def run(options: argparse.Namespace) -> int:
     if options.list:
         return _list(spec, folder)
     spec.jobs()  # an impossible setting must not replace the file as flown
-    with locked(folder):  # an error here comes before a cluster is started
+    with locked(folder):  # before a cluster is started, which takes seconds
         (folder / "campaign.yaml").write_text(options.spec.read_text())
-    with cluster(options.scheduler, options.workers) as client, progress_display() as show:
-        state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
-    page = write_results(spec, folder, state)
+        print(f"campaign folder: {folder}; starting the workers", flush=True)
+        with cluster(options.scheduler, options.workers) as client, progress_display() as show:
+            state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
+        page = write_results(spec, folder, state)
     print(f"{state.done} missions simulated, {state.before} already there, {state.failed} failed; {page}")
     return 1 if state.failed else 0
 
 
 def _list(spec: CampaignSpec, folder: Path) -> int:
-    have = Rows(folder, columns_of(spec)).statuses()
-    for job in spec.jobs():
+    have, jobs = Rows(folder, columns_of(spec)).statuses(), spec.jobs()
+    for job in jobs:
         print(f"{job.id}  {have.get(job.id, '-'):6}  seed {job.seed:<5} {job.group}")
+    print(f"{sum(job.id in have for job in jobs)} of {len(jobs)} missions are flown in {folder} (--out)")
     return 0
 
 

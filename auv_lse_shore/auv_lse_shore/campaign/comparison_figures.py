@@ -43,7 +43,7 @@ MAIN = ("isobath_error_m", "isobath_found", "risk_after", "loss_after")
 #: Curves over steps with the labels of their axes: of the map, and of the paper's reward beside it.
 MAP_CURVES = (
     ("risk", "map risk (cost per location)"),
-    ("expected_risk", "map risk expected at the end (cost per location)"),
+    ("expected_risk", "map risk expected at the end\n(cost per location)"),
 )
 PAPER_CURVES = (("risk", "map risk (cost per location)"), ("stepwise", "team reward, stepwise (cost)"))
 

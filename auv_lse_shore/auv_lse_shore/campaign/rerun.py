@@ -34,7 +34,11 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
     """
     paths = sorted((folder / "rows").glob(f"{wanted}*.parquet"))
     if len(paths) != 1:
-        raise CampaignError(f"--rerun {wanted}: {len(paths)} rows of {folder} have this id instead of one")
+        found = ", ".join(path.stem for path in paths[:3]) or "none"
+        raise CampaignError(
+            f"--rerun {wanted}: {len(paths)} missions of {folder} have an id that begins so ({found}). "
+            "auv_lse campaign SPEC.yaml --out DIR --list shows the ids"
+        )
     (row,) = pyarrow.parquet.read_table(paths[0]).to_pylist()
     to = to or folder / "reruns" / str(row["id"])
     if to.exists() and any(to.iterdir()):

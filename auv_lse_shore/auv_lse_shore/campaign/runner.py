@@ -75,7 +75,7 @@ def run_campaign(
     budget_s: float = float("inf"),
     progress: Callable[[CampaignState], None] | None = None,
 ) -> CampaignState:
-    """Simulates the missions of a campaign that have no row yet.
+    """Simulates the missions of a campaign that have no row yet. The caller has `locked` the folder.
 
     Args:
         client: `distributed.Client` of the cluster.
@@ -85,31 +85,30 @@ def run_campaign(
 
     Raises:
         ParameterError: if a setting cannot be used; before anything is simulated.
-        CampaignError: if another process works on the folder, or the cluster is gone.
+        CampaignError: if the cluster is gone.
     """
     from distributed import as_completed
 
     jobs = spec.jobs()
-    with locked(folder):
-        rows = Rows(folder, columns_of(spec))
-        statuses = rows.statuses()
-        todo = [job for job in jobs if statuses.get(job.id) not in (("ok",) if retry_failed else ("ok", "failed"))]
-        if todo and len(todo) < len(jobs):
-            _report_versions(rows_of(spec, rows.read()))
-        threads = max(sum(client.nthreads().values()), 1)
-        state = CampaignState(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
-        state.limited = math.isfinite(budget_s)
-        queue = _Queue(todo, client, state, budget_s)
-        with lost_cluster_is_an_error():
-            first = [queue.submit() for _ in range(threads + max(1, int(AHEAD * threads)))]
-            submitted = as_completed([future for future in first if future is not None])
-            for future in submitted:
-                rows.write(queue.take(future))
-                following = queue.submit()
-                if following is not None:
-                    submitted.add(following)
-                if progress is not None:
-                    progress(state)
+    rows = Rows(folder, columns_of(spec))
+    statuses = rows.statuses()
+    todo = [job for job in jobs if statuses.get(job.id) not in (("ok",) if retry_failed else ("ok", "failed"))]
+    if todo and len(todo) < len(jobs):
+        _report_versions(rows_of(spec, rows.read()))
+    threads = max(sum(client.nthreads().values()), 1)
+    state = CampaignState(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
+    state.limited = math.isfinite(budget_s)
+    queue = _Queue(todo, client, state, budget_s)
+    with lost_cluster_is_an_error():
+        first = [queue.submit() for _ in range(threads + max(1, int(AHEAD * threads)))]
+        submitted = as_completed([future for future in first if future is not None])
+        for future in submitted:
+            rows.write(queue.take(future))
+            following = queue.submit()
+            if following is not None:
+                submitted.add(following)
+            if progress is not None:
+                progress(state)
     return state
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from auv_lse_shore.campaign.progress_display import progress_display
 from auv_lse_shore.campaign.rows import Rows, columns_of
-from auv_lse_shore.campaign.runner import CampaignState, run_campaign
+from auv_lse_shore.campaign.runner import CampaignState, locked, run_campaign
 from auv_lse_shore.reproduce.study import Study
 
 
@@ -76,7 +76,7 @@ def run_study(
         left = study.budget_s - (time.monotonic() - began)
         share = left * (0.8 if index == 0 and len(study.selected) > 1 else 1.0)
         print(f"{name}: {len(spec.settings)} settings, {len(spec.seeds)} seeds", flush=True)
-        with progress_display() as show:
+        with locked(folder / name), progress_display() as show:
             states[name] = run_campaign(spec, folder / name, client, budget_s=share, progress=show)
         finished(name, states[name])
     return states

@@ -1,5 +1,6 @@
 """The command auv_lse campaign."""
 
+import contextlib
 import os
 import re
 import signal
@@ -13,6 +14,8 @@ import yaml
 from sim_helpers import TINY
 from verb_main import verb_main
 
+from auv_lse_shore.campaign import command
+from auv_lse_shore.campaign.cluster import CampaignError
 from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
@@ -27,6 +30,32 @@ def test_the_command_simulates_and_lists(tmp_path, capsys):
     assert "1 missions simulated, 0 already there, 0 failed" in capsys.readouterr().out
     assert main([str(file), "--out", str(tmp_path / "out"), "--list"]) == 0
     assert re.match(r"[0-9a-f]{16}  ok      seed 1", capsys.readouterr().out)
+
+
+def test_two_campaigns_in_one_folder_are_refused_also_while_workers_start(tmp_path, capsys, monkeypatch):
+    file, out, refused = tmp_path / "tiny.yaml", tmp_path / "out", []
+    file.write_text(yaml.safe_dump({"set": TINY, "seeds": 1}))
+
+    @contextlib.contextmanager
+    def starting(*_):
+        refused.append(main([str(file), "--out", str(out)]))
+        raise CampaignError("no cluster")
+        yield
+
+    monkeypatch.setattr(command, "cluster", starting)
+    assert main([str(file), "--out", str(out)]) == 2
+    assert refused == [2]
+    assert f"{out}: another process works on this campaign" in capsys.readouterr().err
+
+
+def test_the_command_names_folder_and_ids(tmp_path, capsys):
+    file, out = tmp_path / "tiny.yaml", tmp_path / "out"
+    file.write_text(yaml.safe_dump({"set": TINY, "seeds": 2}))
+    assert main([str(file), "--out", str(out), "--list"]) == 0
+    assert f"0 of 2 missions are flown in {out}" in capsys.readouterr().out
+    assert main(["--rerun", "abc", "--out", str(out)]) == 2
+    assert "0 missions of" in (text := capsys.readouterr().err)
+    assert "--list shows the ids" in text
 
 
 def test_the_command_reports_errors(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from auv_lse_shore.campaign.comparison_figures import MAP_CURVES, PAPER_CURVES, curves
 from auv_lse_shore.campaign.page import _best, _mean
 
 SEEDS = range(1, 9)
@@ -40,3 +41,13 @@ def test_a_mean_over_fewer_seeds_shows_their_number():
     assert _mean(some, "f1") == "0.5 (1 of 2 seeds)"
     assert _mean(some[:1], "f1") == "0.5"
     assert _mean(some[1:], "f1") == "–"
+
+
+@pytest.mark.parametrize("columns", [MAP_CURVES, PAPER_CURVES])
+def test_the_labels_of_curves_fit_their_figure(columns):
+    steps = {column: [4.0, 3.0, 2.0] for column, _ in columns}
+    figure = curves({name: [{"seed": s, **steps} for s in SEEDS] for name in ("a", "b")}, columns)
+    figure.canvas.draw()
+    for axis in figure.axes:
+        label = axis.yaxis.label.get_window_extent()
+        assert 0.0 <= label.y0 < label.y1 <= figure.bbox.height

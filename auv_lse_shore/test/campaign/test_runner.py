@@ -14,7 +14,7 @@ from auv_lse_shore.campaign.cluster import CampaignError
 from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.rerun import rerun
 from auv_lse_shore.campaign.rows import Rows, columns_of
-from auv_lse_shore.campaign.runner import locked, run_campaign
+from auv_lse_shore.campaign.runner import run_campaign
 
 
 def test_a_campaign_flies_resumes_and_repeats(tmp_path, client):
@@ -115,9 +115,3 @@ def test_a_lost_cluster_makes_no_row(tmp_path):
     (job,) = spec_of(tmp_path, seeds=1).jobs()
     with pytest.raises(CampaignError, match=r"lost the cluster .*cancelled.*Run the same command again"):
         runner._finished_row(_Lost(), job)
-
-
-def test_two_campaigns_in_one_folder_are_refused(tmp_path, client):
-    spec = spec_of(tmp_path, seeds=1)
-    with locked(tmp_path), pytest.raises(CampaignError, match="another process works on this campaign"):
-        run_campaign(spec, tmp_path, client)
