@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
@@ -74,9 +75,16 @@ class GuardedWriter:
             self._end(f"{self._folder}: {error}")
 
     def close(self) -> None:
-        """Ends the recording."""
-        if not self.problem:
+        """Ends the recording; sets `problem` if it cannot be completed."""
+        if self.problem:
+            return
+        try:
             self._writer.close()
+        except (OSError, RuntimeError) as error:
+            self.problem = (
+                f"the recording could not be completed: {self._folder}: {error}. Free space, then: auv_lse recover "
+                f"{shlex.quote(str(self._folder))}"
+            )
 
     def _end(self, problem: str) -> None:
         self.problem = f"the recording has ended; the mission continues: {problem}"

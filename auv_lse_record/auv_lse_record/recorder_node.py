@@ -221,6 +221,9 @@ class RecorderNode(BaseNode):
         """Ends the recording if the disk is nearly full, and logs that once."""
         self._write_held()
         self._bag.check_space()
+        self._report_problem()
+
+    def _report_problem(self) -> None:
         if self._bag.problem and not self._reported:
             self._reported = True
             self.get_logger().error(self._bag.problem)
@@ -238,6 +241,7 @@ class RecorderNode(BaseNode):
         for topic, data in self._ration.rest():
             self._bag.write(topic, self._written_ns, data)
         self._bag.close()
+        self._report_problem()
         super().destroy_node()
 
 

@@ -297,6 +297,13 @@ def test_full_disk_ends_the_recording_without_an_error(tmp_path: Path, error: Ex
     assert guarded.dropped == 1
 
 
+def test_disk_full_at_the_end_names_the_cure(tmp_path: Path) -> None:
+    guarded = GuardedWriter(FullDisk(OSError(28, "No space left on device")), tmp_path, 0.0)
+    guarded.close()
+    assert "No space left on device" in guarded.problem
+    assert f"auv_lse recover {tmp_path}" in guarded.problem
+
+
 def test_disk_full_at_a_new_topic_ends_the_recording(tmp_path: Path) -> None:
     guarded = GuardedWriter(FullDisk(OSError(28, "No space left on device")), tmp_path, 0.0)
     guarded.add_topic("/late", "std_msgs/msg/String")

@@ -135,7 +135,8 @@ def write_times(
     if "running" in marks:
         phases = {"start": marks["running"] - marks["began"], "mission": marks["ended"] - marks["running"], **phases}
     times = {"wall_s": phases, "processor_s": processor_s, "processor_start_s": started_s}
-    (folder / "logs" / "times.json").write_text(json.dumps(times, indent=1) + "\n")
+    with contextlib.suppress(OSError):  # a full disk; the evaluation of the mission reports it
+        (folder / "logs" / "times.json").write_text(json.dumps(times, indent=1) + "\n")
     return phases
 
 
