@@ -7,6 +7,7 @@ Jazzy and of this project.
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -75,7 +76,8 @@ def recording_in(path: Path) -> Path:
     """The recording at a path: a run folder, a rosbag2 directory, or one of its files.
 
     Returns:
-        The rosbag2 directory, or the file of messages if there is no `metadata.yaml`.
+        The rosbag2 directory, or the file of messages if there is no `metadata.yaml`; the run folder of several
+        (`parts_of`).
 
     Raises:
         RecordingError: if there is none.
@@ -92,16 +94,37 @@ def recording_in(path: Path) -> Path:
                 f"{path} is not a recording. Name a run folder, a rosbag2 directory, or its {' or '.join(STORAGES)}"
             )
         return path
-    for folder in (path, path / "bag"):
-        if (folder / "metadata.yaml").is_file():
-            return folder
-        files = sorted(file for ending in STORAGES for file in folder.glob(f"*{ending}"))
-        if len(files) == 1:
-            return files[0]
+    if own := _whole_or_alone(path):
+        return own
+    parts = parts_of(path)
+    if parts != [path]:
+        return path if len(parts) > 1 else parts[0]
     raise RecordingError(
         f"{path} is not a recording: neither it nor its folder bag has a metadata.yaml (was the recorder "
         "killed?). Name a run folder or a rosbag2 directory"
     )
+
+
+def parts_of(recording: Path) -> list[Path]:
+    """The recordings of which one consists: those in a run folder, in order, or the recording itself.
+
+    A recorder that is restarted, as after a reboot in mid-dive, begins the next one: bag, bag-2, ... Those without a
+    byte are left out.
+    """
+    if recording.is_file() or _whole_or_alone(recording):
+        return [recording]
+    folders = (folder for folder in recording.glob("bag*") if re.fullmatch(r"bag(-\d+)?", folder.name))
+    ordered = sorted(folders, key=lambda folder: int(folder.name[4:] or 1))
+    parts = [part for folder in ordered if (part := _whole_or_alone(folder))]
+    return [part for part in parts if part.is_dir() or part.stat().st_size] or parts or [recording]
+
+
+def _whole_or_alone(folder: Path) -> Path | None:
+    """A folder with `metadata.yaml`, else its only file of messages; None if there is neither."""
+    if (folder / "metadata.yaml").is_file():
+        return folder
+    files = [file for ending in STORAGES for file in folder.glob(f"*{ending}")]
+    return files[0] if len(files) == 1 else None
 
 
 @contextmanager
@@ -124,7 +147,7 @@ class Recording:
     """A recording, open for reading; a context manager.
 
     Attributes:
-        path: The rosbag2 directory, or its file of messages.
+        path: The rosbag2 directory, its file of messages, or the run folder of several.
         start_ns: Stamp of its first message (ns).
         end_ns: Stamp of its last message (ns).
     """
@@ -148,7 +171,7 @@ class Recording:
                 f"{self.path}: reading recordings needs the package rosbags: pip install rosbags"
             ) from None
         try:
-            self._reader = AnyReader([self.path])
+            self._reader = AnyReader(parts_of(self.path))
             with _each_definition_parsed_once():
                 try:
                     self._reader.open()

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, cast
 
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.plurals import counted
-from auv_lse_record.recording import STORAGES, Recording, RecordingError, recording_in
+from auv_lse_record.recording import STORAGES, Recording, RecordingError, parts_of, recording_in
 from auv_lse_record.salvage import MAGIC, whole_pieces
 
 _KEPT = ".torn"
@@ -44,7 +44,7 @@ def recover(path: Path) -> Recovered:
     """Repairs a recording.
 
     Args:
-        path: A run folder, a rosbag2 directory, or its file of messages.
+        path: A run folder with one recording, a rosbag2 directory, or its file of messages.
 
     Raises:
         RecordingError: if it is missing, complete, unreadable or not an MCAP file.
@@ -61,7 +61,7 @@ def recover(path: Path) -> Recovered:
         messages, nameless, lost = _copy(data, target)
     if not messages:
         new.unlink()
-        raise RecordingError(f"{found}: no message can be read; the file is unchanged")
+        raise _Empty(f"{found}: no message can be read; the file is unchanged")
     found.replace(torn)
     new.replace(found)
     if len(files) == 1 and recording.is_dir():  # the index beside it counts messages that are lost
@@ -71,6 +71,10 @@ def recover(path: Path) -> Recovered:
 
 class _Complete(RecordingError):
     """The recording is complete already."""
+
+
+class _Empty(RecordingError):
+    """No message can be read."""
 
 
 @contextmanager
@@ -160,11 +164,28 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Repairs a recording. Returns 0, or 1 if that fails."""
+    """Repairs all recordings of a dive. Returns 0, or 1 if that fails."""
     try:
-        done = recover(options.path)
+        parts = parts_of(recording_in(options.path))
+    except RecordingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return max([_recover(part, others=len(parts) > 1) for part in parts])
+
+
+def _recover(part: Path, others: bool) -> int:
+    """Repairs one recording. One without a message is put aside if there are `others`, which can then be read."""
+    try:
+        done = recover(part)
     except _Complete as complete:
         print(complete)
+        return 0
+    except _Empty as empty:
+        if not others or not part.is_file():
+            print(f"error: {empty}", file=sys.stderr)
+            return 1
+        torn = part.rename(part.with_name(part.name + _KEPT))
+        print(f"{part}: no message can be read; put aside as {torn}")
         return 0
     except (RecordingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)

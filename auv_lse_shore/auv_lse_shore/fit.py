@@ -23,7 +23,7 @@ from auv_lse_common.support.plurals import counted
 from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_gp.soundings import read_soundings_and_origin
-from auv_lse_record.recording import Recording
+from auv_lse_record.recording import Recording, recording_in
 
 Array = NDArray[np.float64]
 
@@ -41,13 +41,10 @@ def recorded_soundings(path: Path) -> Array:
     Raises:
         ValueError: if there is no recording, it cannot be read, or holds no sounding.
     """
-    bag = path / "bag" if (path / "bag").is_dir() else path
-    if not (bag / "metadata.yaml").is_file():
-        raise ValueError(f"{path} holds no recording; name a run folder with bag/metadata.yaml, or a rosbag2 directory")
-    with Recording(bag) as recording:
+    with Recording(recording_in(path)) as recording:
         rows = [found.value[1:4] for found in recording.values({"sounding"})]
     if not rows:
-        raise ValueError(f"{bag} holds no sounding (topics /auv1/sounding, /auv2/sounding, ...)")
+        raise ValueError(f"{path} holds no sounding (topics /auv1/sounding, /auv2/sounding, ...)")
     soundings = np.array(rows, dtype=float)
     finite: Array = soundings[np.isfinite(soundings).all(axis=1)]
     return finite

@@ -156,7 +156,7 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
     [
         (["absent.csv"], "absent.csv"),
         (["empty.npz"], "error: empty.npz is damaged or not npz"),
-        (["."], "holds no recording; name a run folder"),
+        (["."], "is not a recording: neither it nor its folder bag"),
         (["few.csv"], "error: few.csv: soundings: 3 are too few to fit; give at least 10"),
         (["x.csv", "--level", "nan"], "error: --level must be a depth in metres, not nan"),
         (["x.csv", "--out", "no/where/gp.yaml"], "there is no folder no/where"),

@@ -10,7 +10,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.topics.records import CentersReport, FieldReport
-from auv_lse_record.recording import MISSION_FILE, SOFTWARE, STORAGES, Recording, recording_in
+from auv_lse_record.recording import MISSION_FILE, SOFTWARE, STORAGES, Recording, parts_of, recording_in
 from auv_lse_record.run_data import RunData
 from auv_lse_record.run_reader import read_bag
 from auv_lse_shore.areas.area_file import read_area
@@ -78,7 +78,7 @@ def read_recordings(paths: Sequence[Path], mission: Path | None = None) -> Recor
     software: list[str] = []
     for path in paths:
         bag = recording_in(path)
-        files += hashes(bag)
+        files += [file for part in parts_of(bag) for file in hashes(part)]
         with Recording(bag) as recording:
             text = recording.text(MISSION_FILE)
             software.append(recording.text(SOFTWARE) or "unknown")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.retired import without_retired
 from auv_lse_record.growing_file import RecordingFile, Wanted
-from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, RecordingError
+from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, RecordingError, parts_of
 from auv_lse_shore.areas.area_file import read_area
 
 
@@ -39,8 +39,28 @@ class WholeRecording:
                     yield topic, message
 
 
-def open_recording(path: Path) -> RecordingFile | WholeRecording:
+class RecordingParts:
+    """Reads the recordings of a dive one after the other; the last one may still be written."""
+
+    def __init__(self, parts: Sequence[Path]) -> None:
+        """Opens nothing yet."""
+        self._files = [open_recording(part) for part in parts]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the last recording has been read, up to its end."""
+        return self._files[-1].complete
+
+    def messages(self, topics: frozenset[str], wanted: Wanted = None) -> Iterator[tuple[str, Any]]:
+        """As `RecordingFile.messages`."""
+        for file in self._files:
+            yield from file.messages(topics, wanted)
+
+
+def open_recording(path: Path) -> RecordingFile | WholeRecording | RecordingParts:
     """The reader for a path that `recording_in` returned."""
+    if (parts := parts_of(path)) != [path]:
+        return RecordingParts(parts)
     files = [path] if path.is_file() else [file for file in path.iterdir() if file.suffix in STORAGES]
     alone = len(files) == 1 and files[0].suffix == ".mcap"
     return RecordingFile(files[0]) if alone else WholeRecording(path)
