@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,13 @@ def test_a_healthy_mission_is_supported(healthy, capsys):
     assert digest in page.replace("<wbr>", "")
     assert found["repeat"] in page
     assert "support the maps" in capsys.readouterr().out
+
+
+def test_every_recording_of_a_dive_is_listed(healthy, tmp_path):
+    for name in ("bag", "bag-2"):
+        shutil.copytree(healthy / "bag", tmp_path / name)
+    main([str(tmp_path)])
+    assert len(certificate(tmp_path)["files"]) == 2
 
 
 def test_a_second_certificate_replaces_the_first_and_is_the_same(healthy, tmp_path):

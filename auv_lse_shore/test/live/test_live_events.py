@@ -212,6 +212,16 @@ def test_a_recording_becomes_a_timeline(run_folder, synthetic_run):
     json.dumps(events, allow_nan=False)
 
 
+def test_every_recording_of_a_dive_becomes_its_timeline(run_folder, synthetic_run, tmp_path):
+    for name in ("bag", "bag-2"):
+        shutil.copytree(run_folder / "bag", tmp_path / name)
+    timeline = Timeline()
+    RecordingFollower(recording_in(tmp_path), timeline).follow(threading.Event())
+    _, _, events = timeline.since("", 0, 10**6)
+    assert sum(event["kind"] == "sent" for event in events) == 2 * len(synthetic_run().sent)
+    assert events[0]["name"] == tmp_path.name
+
+
 def test_a_growing_recording_is_read_as_it_grows(run_folder, tmp_path):
     whole, copy = run_folder / "bag" / "bag.mcap", tmp_path / "part" / "bag" / "bag.mcap"
     (tmp_path / "part").mkdir()
