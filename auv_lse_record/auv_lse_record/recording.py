@@ -99,6 +99,11 @@ def recording_in(path: Path) -> Path:
     parts = parts_of(path)
     if parts != [path]:
         return path if len(parts) > 1 else parts[0]
+    if inside := sorted(bag.parent for bag in path.glob("*/bag")):
+        raise RecordingError(
+            f"{path} has the recordings of {len(inside)} run folders; name one, such as {inside[0]}. auv_lse adjust "
+            "and certify take several"
+        )
     raise RecordingError(
         f"{path} is not a recording: neither it nor its folder bag has a metadata.yaml (was the recorder "
         "killed?). Name a run folder or a rosbag2 directory"

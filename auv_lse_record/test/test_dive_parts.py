@@ -76,3 +76,9 @@ def test_a_dive_with_a_torn_and_an_empty_recording_is_recovered(
     back = read_run(folder)
     assert 0 < len(back.vehicles[0].soundings) < len(run.vehicles[0].soundings)
     assert recover([str(folder)]) == 0, "a second time"
+
+
+def test_a_folder_of_dives_names_them(dive: tuple[RunData, Path]) -> None:
+    _, folder = dive
+    with pytest.raises(RecordingError, match=f"has the recordings of 2 run folders; name one, such as {folder}"):
+        recording_in(folder.parent)
