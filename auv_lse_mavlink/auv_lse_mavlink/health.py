@@ -29,6 +29,6 @@ def link_health(link: VehicleLink, port_problem: str) -> Health:
         found.append((Level.WARN if ignored_s < 2.0 * IGNORED_S else Level.ERROR, problem))
     if report.depth_problem:
         found.append((Level.WARN, report.depth_problem))
-    if not link.placed:
-        found.append((Level.ERROR, "the autopilot's origin is unknown: no odometry, no targets"))
+    if link.origin_problem:
+        found.append((Level.ERROR, f"no odometry, no targets: {link.origin_problem}"))
     return Health(level=max(level for level, _ in found), text="; ".join(text for _, text in found), values=values)

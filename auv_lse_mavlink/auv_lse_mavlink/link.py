@@ -211,6 +211,11 @@ class VehicleLink:
         return self._origin.placed
 
     @property
+    def origin_problem(self) -> str:
+        """Why positions are not in the mission's frame; "" if they are."""
+        return self._origin.problem
+
+    @property
     def obeying_modes(self) -> tuple[int, ...]:
         """The flight modes in which the autopilot follows targets; empty: unknown, any may be right."""
         return self._config.modes or obeying_modes(*self.status.kind, self._config.mode == "mission")

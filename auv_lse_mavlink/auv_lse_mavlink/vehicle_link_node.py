@@ -165,6 +165,7 @@ class VehicleLinkNode(DriverNode):
                 log.info(f"at the surface the depth gauge shows {event.drift_m:+z.2f} m")
             case events.Problem():
                 log.warning(event.text)
+                self.report_on_terminal(f"auv{self.vehicle}: {event.text}")
 
 
 #: Entry point of `ros2 run auv_lse_mavlink vehicle_link_node`.

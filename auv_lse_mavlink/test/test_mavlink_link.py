@@ -14,6 +14,7 @@ from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.mission_run import Action, Stop
+from auv_lse_mavlink.health import link_health
 from auv_lse_mavlink.link import LinkState, VehicleLink
 from auv_lse_mavlink.messages import events
 from auv_lse_mavlink.messages.conversion import (
@@ -121,6 +122,7 @@ def test_an_origin_that_cannot_be_right_is_refused(lat, lon):
     (problem,) = pilot.of(events.Problem)
     assert "the autopilot's origin is refused: latitude" in problem.text
     assert ("11.1 km from the mission's" in problem.text) == (lat == 466000000)
+    assert problem.text in link_health(pilot.link, "").text, "diagnostics have the reason as long as it lasts"
     pilot.at(1.0, 2.0)  # where that is, nobody knows now
     assert pilot.of(AutopilotEstimate) == []
     pilot.say_origin()

@@ -62,11 +62,19 @@ class OriginExchange:
         self._had = False  # whether the autopilot had an origin before the link was lost
         self._asking_s = -math.inf  # time of the first request after that
         self._refused: Origin | None = None  # the last one refused
+        self._refusal = ""  # and why
 
     @property
     def placed(self) -> bool:
         """Whether positions are in the mission's frame: the autopilot's origin is known, or the mission has none."""
         return not self._is_lost and (self.datum.mission is None or self.datum.autopilot is not None)
+
+    @property
+    def problem(self) -> str:
+        """Why positions are not in the mission's frame; "" if they are."""
+        if self.placed:
+            return ""
+        return self._refusal if self._refused is not None else "the autopilot's origin is unknown"
 
     def forget(self, rebooted: bool) -> None:
         """Discards the origin: the autopilot may have another one now, or none if it has rebooted."""
@@ -204,7 +212,9 @@ class OriginExchange:
             return
         self._refused = origin
         where = f", {offset_m / 1000.0:.1f} km from the mission's" if math.isfinite(offset_m) else ""
-        self._report(
+        self._refusal = (
             f"the autopilot's origin is refused: latitude {origin.lat_deg:.7f}, longitude {origin.lon_deg:.7f} "
-            f"deg{where} is farther than {MAX_ORIGIN_OFFSET_M / 1000.0:g} km from the mission's origin"
+            f"deg{where} is farther than {MAX_ORIGIN_OFFSET_M / 1000.0:g} km from the mission's origin. Check "
+            "area.origin_lat_deg and origin_lon_deg, and the autopilot's GPS"
         )
+        self._report(self._refusal)
