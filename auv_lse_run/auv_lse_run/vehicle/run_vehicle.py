@@ -48,6 +48,8 @@ from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second
 from auv_lse_run.vehicle.vehicle_choice import chosen_vehicle
 
 _TICK_S = 0.2
+#: Patterns that are meant for a vehicle; others may be a user's drivers, as /auv2/sounder_node.
+_OF_VEHICLE = re.compile(r"/?auv[ _-]?\d+(/\*+)?/?", re.IGNORECASE)
 #: A node that rejects its parameters within this time (s) after its first start ends the command: a restart cannot
 #: help.
 _FIRST_START_S = 30.0
@@ -153,10 +155,11 @@ def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record:
 
 
 def ignored_parameters(file: Path) -> list[str]:
-    """What in a mission file looks like a vehicle's parameters, and is read by none of its nodes.
+    """The parameters in a mission file that are of a vehicle beyond the team.
 
     Raises:
-        ParameterError: if the file cannot be read.
+        ParameterError: if the file cannot be read, or if parameters that are meant for a vehicle reach none of its
+            nodes: without its own `vehicle.start`, it might not even wait for GO.
     """
     patterns = read_parameter_file(file)
     vehicles = section(MissionConfig, parameters_for(patterns, "/settings"), "mission", str(file)).vehicles
@@ -164,11 +167,8 @@ def ignored_parameters(file: Path) -> list[str]:
     for pattern in patterns:
         if beyond := beyond_team(pattern, vehicles, str(file)):
             found.append(beyond)
-        elif pattern.count("/") < 2 or "*" in pattern:  # others are of one node, such as a driver
-            try:
-                check_pattern(pattern, {}, str(file), vehicles)
-            except ParameterError as error:
-                found.append(str(error))
+        elif _OF_VEHICLE.fullmatch(pattern):
+            check_pattern(pattern, {}, str(file), vehicles)
     return found
 
 
@@ -195,6 +195,8 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
     record = DiveRecord(folder, vehicle, file.resolve(), patterns, seconds=seconds, simulated=simulated)
     if record.continued is None and not record.doubt and os.path.lexists(new / "bag"):
         raise ParameterError(f"--out {new} contains a recording already, {new / 'bag'}. Choose another folder")
+    if record.continued is None and (file_there := next(filter(os.path.isfile, (new, *new.parents)), None)):
+        raise ParameterError(f"--out {new}: {file_there} is a file. Choose a new or empty folder")
     return record, new if out else record.continued or new
 
 
@@ -302,7 +304,8 @@ def run(options: argparse.Namespace) -> int:
         number, out = vehicle_number(options.name), options.out
         record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
         processes = vehicle_processes(options.name, options.file.resolve(), out, options.simulated, options.record)
-        tasks, ignored = processes.tasks(), ignored_parameters(options.file)
+        tasks = processes.tasks()
+        ignored = ignored_parameters(options.file) if record.continued is None else []
         domain, variables = stack.enter_context(begin_dive(processes, options.domain, options.file, out, record))
     except (ParameterError, LaunchError, DomainError, StateFolderError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -155,11 +155,26 @@ def test_parameters_that_no_vehicle_has_are_listed(tmp_path: Path) -> None:
     assert ignored_parameters(file) == [
         f"{file}: /auv7/**: there is no vehicle 7, because mission.vehicles is 3. These parameters are ignored"
     ]
-    file.write_text(f"{text}/auv2: {{ros__parameters: {{vehicle: {{depth_m: 3.0}}}}}}\n")
-    (found,) = ignored_parameters(file)
-    assert "/auv2 matches only a node with the name /auv2; write '/auv2/**'" in found
     file.write_text(f"{text}/auv2/sounder_node: {{ros__parameters: {{baud: 9600}}}}\n")
     assert ignored_parameters(file) == [], "a driver's own parameters"
+
+
+@pytest.mark.parametrize("pattern", ["/auv2", "auv2", "/AUV2/**", "/auv02/**", "/auv2/*", "auv_2/**"])
+def test_a_vehicles_parameters_that_reach_none_of_its_nodes_are_refused(
+    pattern: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = write(tmp_path), tmp_path / "dive"
+    file.write_text(f"{file.read_text()}{pattern}: {{ros__parameters: {{vehicle: {{start: on_call}}}}}}\n")
+    assert main(["auv2", str(file), "--out", str(out)]) == 2
+    assert f"{pattern} matches" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = write(tmp_path)
+    for out in (file, file / "dive"):
+        assert main(["auv2", str(file), "--out", str(out)]) == 2
+        assert f"--out {out}: {file} is a file. Choose a new or empty folder" in capsys.readouterr().err
 
 
 def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
