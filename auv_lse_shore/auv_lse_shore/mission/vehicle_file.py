@@ -15,6 +15,9 @@ from auv_lse_common.support.atomic_files import write_whole
 #: Recording folder of a vehicle, relative to its working directory.
 RECORDING = "bag"
 
+#: What differs from a simulated mission, unless the user has set it.
+_OF_VEHICLES = {"modem.kind": "micromodem", "link.kind": "mavlink", "vehicle.start": "on_call"}
+
 _HEAD = """\
 # The mission file for the vehicles, every default filled in; made by auv_lse mission --for-vehicles from
 # {source}. No section sim: nodes without a simulator run on their own clock. docs/guide/bench-to-water.md
@@ -40,6 +43,8 @@ def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
         ParameterError: if an address is that of a simulated run's hardware, or a modem has none.
     """
     wanted: dict[str, Any] = {"record.folder": RECORDING, "tdma.send_duration_s": send_duration_s(settings)}
+    # for all vehicles, so that one added by hand waits for GO, too
+    wanted |= {name: value for name, value in _OF_VEHICLES.items() if name not in chosen}
     of_a_run = Path(settings.record.folder).is_absolute()
     for k, own in enumerate(settings.vehicles, 1):
         if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):
@@ -48,10 +53,11 @@ def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
                 "addresses of a run's emulated hardware. Use a file written by hand, or by a run without "
                 "--modem emulated and --vehicle-link mavlink"
             )
-        for name, kind in (("modem.kind", "micromodem"), ("link.kind", "mavlink"), ("vehicle.start", "on_call")):
-            if not {name, f"auv{k}.{name}"} & set(chosen):
-                wanted[f"auv{k}.{name}"] = kind
-        if wanted.get(f"auv{k}.modem.kind", own.modem.kind) == "micromodem" and not own.modem.port:
+        for section, key in (name.split(".") for name in _OF_VEHICLES):
+            if f"auv{k}.{section}.{key}" in chosen:
+                wanted[f"auv{k}.{section}.{key}"] = getattr(getattr(own, section), key)
+        is_chosen = {"modem.kind", f"auv{k}.modem.kind"} & set(chosen)
+        if (own.modem.kind == "micromodem" or not is_chosen) and not own.modem.port:
             raise ParameterError(
                 f"{settings.where}: auv{k}: modem.port is missing. Give a serial device or 'tcp://HOST:PORT': "
                 f"--set modem.port=/dev/ttyUSB0 (one vehicle's: --set auv{k}.modem.port=...). Without a "

@@ -130,6 +130,8 @@ def test_the_vehicles_file_of_a_run_lets_nodes_run_without_a_simulator(tmp_path:
         assert own["link"]["soundings"] is True
         assert own["vehicle"]["depth_m"] == (3.0, 6.5, 5.0)[k - 1]
     again = Settings.load(out)
+    common = again.common.vehicle.start, again.common.modem.kind, again.common.link.kind
+    assert common == ("on_call", "micromodem", "mavlink"), "of a vehicle that is added by hand, too"
     assert (again.mission.steps, again.common.gp.noise_std_m) == (40, 0.25)
     assert str(tmp_path / "bag") not in out.read_text()
     before = out.read_text()
@@ -146,6 +148,7 @@ def test_hardware_chosen_by_the_user_stays_in_the_vehicles_file(tmp_path: Path) 
     assert [(v.modem.kind, v.link.kind, v.vehicle.start) for v in own] == [
         ("direct", kind, "at_once") for kind in ("mavlink", "direct", "mavlink")
     ]
+    assert Settings.load(out).common.link.kind == "mavlink"
 
 
 def test_the_area_asked_for_is_not_fitted_to_the_synthetic_lake(tmp_path: Path) -> None:
