@@ -84,5 +84,5 @@ def lack_of_space(needed_mb: float, free_mb: float, least_free_mb: float) -> str
         return ""
     return (
         f"record.folder has {room_mb:.0f} MB of free space beyond record.least_free_mb ({least_free_mb:g} MB), "
-        f"but the recording needs about {needed_mb:.0f} MB. Free space, or lower record.map_bytes_per_s"
+        f"but the recording needs about {max(needed_mb, 1.0):.0f} MB. Free space, or lower record.map_bytes_per_s"
     )

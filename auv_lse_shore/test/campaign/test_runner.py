@@ -48,7 +48,7 @@ def test_a_campaign_flies_resumes_and_repeats(tmp_path, client):
     assert json.loads((folder / "summary.json").read_text())["risk_after"] == row["risk_after"]
     with pytest.raises(CampaignError, match="not empty"):
         rerun(tmp_path, row["id"], tmp_path / "again")
-    with pytest.raises(CampaignError, match="--rerun zz: 0 rows of"):
+    with pytest.raises(CampaignError, match="--rerun zz: 0 missions of"):
         rerun(tmp_path, "zz", None)
 
 
