@@ -28,6 +28,8 @@ from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.raster_ground import raster_ground
 
 Array = NDArray[np.float64]
+#: Latitudes and longitudes (deg).
+Corners = Sequence[tuple[float, float]]
 
 _CLASSIC_NETCDF = (b"CDF\1", b"CDF\2")
 #: Variables of a grid of GMT 3, whose nodes are one row.
@@ -47,13 +49,25 @@ _AXES = (
 _AXIS_NAMES = (("y", "lat", "latitude", "northing", "north"), ("x", "lon", "longitude", "easting", "east"))
 #: Steps of an axis differ by less than this share.
 _UNEVEN = 0.1
+#: Of rasters with more nodes, those around the area are read.
+LARGE_NODES = 4_000_000
 #: Largest block of nodes that are averaged; larger rasters are refused: reading them takes minutes.
 MAX_BLOCK = 6
 _COLORS = ("red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yellow", "black", "hue", "saturation")
 
 
-def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
+def read_gdal_ground(
+    path: Path, config: BathymetryConfig, origin: tuple[float, float] | None, around: Corners = ()
+) -> GridGround:
     """Reads ground from a raster: scale, offset, unit, no-data values, masks, names and vertical axis count.
+
+    Of a large raster only the part around an area is read.
+
+    Args:
+        path: The file.
+        config: How to read it.
+        origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
+        around: Latitudes and longitudes (deg) of corners around the area; (): all is read.
 
     Raises:
         GroundError: if rasterio is not installed, or the file cannot be read, is a picture, or is not north-up.
@@ -71,10 +85,10 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with _opened(path) as data:
                 if data.count or not data.subdatasets:
-                    return _ground(data, path, config, origin)
+                    return _ground(data, path, config, origin, around)
                 (variable, notes), driver = _variable(data.subdatasets, path), data.driver
             with rasterio.open(variable, driver=driver, **_options(driver)) as data:
-                return _ground(data, path, config, origin, notes)
+                return _ground(data, path, config, origin, around, notes)
     except GroundError:
         raise
     except (RasterioError, RuntimeError, MemoryError, ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -177,12 +191,15 @@ def _variable(names: list[str], path: Path) -> tuple[str, list[str]]:
 
 
 def _ground(
-    data: Any, path: Path, config: BathymetryConfig, origin: tuple[float, float] | None, about: Sequence[str] = ()
+    data: Any,
+    path: Path,
+    config: BathymetryConfig,
+    origin: tuple[float, float] | None,
+    around: Corners,
+    about: Sequence[str] = (),
 ) -> GridGround:
     """Ground from an opened raster, with notes about its choice."""
     band, notes = _band(data, path)
-    block = _nodes_per_block(data, band)
-    check_nodes(str(path), data.height, data.width, block)
     notes = [*about, *notes]
     said, crs = _meaning(data, band, path)
     _check_no_picture(data, band, said, path, config)
@@ -191,7 +208,11 @@ def _ground(
         raise GroundError(f"{path}: it is rotated (transform {tuple(transform)[:6]}). Make it north-up with gdalwarp")
     if transform.is_identity and data.driver != "netCDF":
         raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
-    grid = _averaged(data, band, block)
+    x, y = _axes(data, path)
+    part = _part_around(around, x, y, crs)
+    block = _nodes_per_block(data, band, part)
+    check_nodes(str(path), part.height, part.width, block)
+    grid = _averaged(data, band, block, part)
     if np.iscomplexobj(grid):
         raise GroundError(f"{path}: its values are complex numbers, which are not depths")
     scale, offset = data.scales[band - 1], data.offsets[band - 1]
@@ -200,16 +221,16 @@ def _ground(
         values, note = _valid(values, data.tags(band), scale, offset)
         notes += note
     values = values * (scale * said.unit_m) + offset * said.unit_m
+    if part.height * part.width < data.height * data.width:
+        notes.append(f"only the {part.height:,} x {part.width:,} nodes around the area are read")
     if block > 1:
-        notes.append(f"means of {block} x {block} nodes, as it has {data.height:,} x {data.width:,}")
+        notes.append(f"means of {block} x {block} nodes, as it has {part.height:,} x {part.width:,}")
     if (scale, offset) != (1.0, 0.0):
         notes.append(f"scale {scale:g} and offset {offset:g} of the file applied")
     if said.unit_m != 1.0:
         notes.append(f"converted from units of {said.unit_m:g} m")
-    x = transform.c + transform.a * (np.arange(data.width) + 0.5)
-    y = transform.f + transform.e * (np.arange(data.height) + 0.5)
-    if data.driver == "netCDF":
-        x, y = _netcdf_axes(data, path, x, y)
+    x = x[part.col_off : part.col_off + part.width]
+    y = y[part.row_off : part.row_off + part.height]
     x, y = (axis[: len(axis) // block * block].reshape(-1, block).mean(axis=1) for axis in (x, y))
     if y[0] > y[-1]:
         y, values = y[::-1], values[::-1]
@@ -218,28 +239,60 @@ def _ground(
     return raster_ground(path, x, y, values, crs, config, origin, replace(said, notes=tuple(notes)))
 
 
-def _nodes_per_block(data: Any, band: int) -> int:
+def _axes(data: Any, path: Path) -> tuple[Array, Array]:
+    """Coordinates of the columns and rows, in the unit of the CRS."""
+    transform = data.transform
+    x = transform.c + transform.a * (np.arange(data.width) + 0.5)
+    y = transform.f + transform.e * (np.arange(data.height) + 0.5)
+    return _netcdf_axes(data, path, x, y) if data.driver == "netCDF" else (x, y)
+
+
+def _part_around(around: Corners, x: Array, y: Array, crs: str | None) -> Any:
+    """The window of a large raster with axes `x` and `y` that holds the corners; all of it if it holds none."""
+    from rasterio.windows import Window
+
+    whole = Window(0, 0, len(x), len(y))
+    if not around or crs is None or len(x) * len(y) <= LARGE_NODES:
+        return whole
+    from pyproj import Transformer
+
+    lat, lon = np.array(around).T
+    to_raster = Transformer.from_crs("EPSG:4326", crs, always_xy=True)
+    at_x, at_y = (np.asarray(values) for values in to_raster.transform(unwrapped_deg(lon), lat))
+    if to_raster.target_crs is not None and to_raster.target_crs.is_geographic:  # longitudes may be from 0 to 360
+        at_x = at_x + 360.0 * np.round(((x[0] + x[-1]) / 2.0 - at_x.mean()) / 360.0)
+    ends = []
+    for axis, at in ((x, at_x), (y, at_y)):
+        inside = np.flatnonzero((axis >= at.min()) & (axis <= at.max()))
+        if len(inside) < 2:
+            return whole
+        ends.append((int(inside[0]), len(inside)))
+    (column, width), (row, height) = ends
+    return Window(column, row, width, height)
+
+
+def _nodes_per_block(data: Any, band: int, part: Any) -> int:
     """Number of nodes along the side of a block of which the mean is read, so that a large raster fits into memory.
 
     GDAL's means take values outside of a valid range for known, so a netCDF band with one is read as it is.
     """
     if any(key.startswith("valid_") for key in data.tags(band)):
         return 1
-    return min(math.ceil(math.sqrt(data.height * data.width / MAX_GRID_NODES)), MAX_BLOCK) or 1
+    return min(math.ceil(math.sqrt(part.height * part.width / MAX_GRID_NODES)), MAX_BLOCK) or 1
 
 
-def _averaged(data: Any, band: int, block: int) -> Any:
-    """The band as a masked array (ny, nx): means over the known values of blocks of nodes.
+def _averaged(data: Any, band: int, block: int, part: Any) -> Any:
+    """A part of the band as a masked array (ny, nx): means over the known values of blocks of nodes.
 
     Up to `block` - 1 rows and columns at the last edges are left out.
     """
     if block == 1:
-        return data.read(band, masked=True)
+        return data.read(band, masked=True, window=part)
     from rasterio.enums import Resampling
     from rasterio.windows import Window
 
-    shape = data.height // block, data.width // block
-    window = Window(0, 0, block * shape[1], block * shape[0])
+    shape = part.height // block, part.width // block
+    window = Window(part.col_off, part.row_off, block * shape[1], block * shape[0])
     return data.read(band, masked=True, window=window, out_shape=shape, resampling=Resampling.average)
 
 

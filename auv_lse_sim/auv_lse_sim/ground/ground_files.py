@@ -7,7 +7,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_gp.soundings_table import SoundingsError
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
-from auv_lse_sim.ground.gdal_ground import is_raster_file, read_gdal_ground
+from auv_lse_sim.ground.gdal_ground import Corners, is_raster_file, read_gdal_ground
 from auv_lse_sim.ground.grid_ground import GridGround, checked_origin
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.npz_ground import read_npz_ground
@@ -19,7 +19,10 @@ _SPREADSHEETS = (".xls", ".xlsx", ".xlsm", ".ods", ".numbers")
 
 
 def load_ground(
-    path: str | Path, config: BathymetryConfig | None = None, origin: tuple[float, float] | None = None
+    path: str | Path,
+    config: BathymetryConfig | None = None,
+    origin: tuple[float, float] | None = None,
+    around: Corners = (),
 ) -> GridGround:
     """Reads a bathymetry file; by content, else by suffix.
 
@@ -27,6 +30,7 @@ def load_ground(
         config: How to read it.
         origin: WGS84 latitude and longitude (deg) of the local origin if the file has none; by default the middle of
             the data.
+        around: Latitudes and longitudes (deg) of corners around the area, outside of which a large raster is not read.
 
     Raises:
         GroundError: naming the file, the line where there is one, what was found and what was expected.
@@ -63,7 +67,7 @@ def load_ground(
     if origin is not None:
         origin = checked_origin(*origin, where=f"{path}: area.origin_lat_deg, origin_lon_deg")
     try:
-        return reader(path, config, origin)
+        return reader(path, config, origin) if reader is not read_gdal_ground else reader(path, config, origin, around)
     except SoundingsError as error:
         raise GroundError(str(error)) from error
     except OSError as error:

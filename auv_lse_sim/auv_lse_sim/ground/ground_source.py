@@ -10,29 +10,37 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from auv_lse_common.mission_file.sections.area import AreaConfig, corners
 from auv_lse_common.mission_file.sections.world import BathymetryConfig, LakeConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.ground.ground_files import load_ground
 from auv_lse_sim.ground.lake import SyntheticLake
 
+#: Ground of a large raster is read as far as this (m) beyond the area; vehicles do not come so far.
+AROUND_M = 500.0
 #: Environment variable of a mission's processes: the file in which the first that needs the ground leaves it.
 GROUND_VARIABLE = "AUV_LSE_GROUND"
 
 
 @dataclass(frozen=True)
 class _Source:
-    """What a ground is built from; a changed file has another `file_version`: its size and time of change."""
+    """What a ground is built from; a changed file has another `file_version`: its size and time of change.
+
+    `around` are corners (latitude, longitude deg) around the area, if the mission has one of its own on Earth.
+    """
 
     config: LakeConfig | BathymetryConfig
     seed: int = 0
     origin: tuple[float, float] | None = None
+    around: tuple[tuple[float, float], ...] = ()
     file_version: tuple[int, int] | None = None
 
     def build(self) -> Ground:
         if isinstance(self.config, LakeConfig):
             return SyntheticLake(self.config, self.seed)
-        return load_ground(self.config.file, self.config, self.origin)
+        return load_ground(self.config.file, self.config, self.origin, self.around)
 
 
 def ground_of(settings: Settings) -> Ground:
@@ -47,11 +55,20 @@ def ground_of(settings: Settings) -> Ground:
         return _ground(_Source(settings.sim.lake, seed=settings.mission.seed))
     lat, lon = settings.area.origin_lat_deg, settings.area.origin_lon_deg
     origin = (lat, lon) if lat is not None and lon is not None else None
+    around = _around(settings.area, origin) if origin and settings.area.polygon_m != AreaConfig().polygon_m else ()
     version = None
     with contextlib.suppress(OSError):  # reported when the file is read
         about = Path(config.file).stat()
         version = (about.st_size, about.st_mtime_ns)
-    return _ground(_Source(config, origin=origin, file_version=version))
+    return _ground(_Source(config, origin=origin, around=around, file_version=version))
+
+
+def _around(area: AreaConfig, origin: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    """Corners (latitude, longitude deg) of a rectangle `AROUND_M` around an area."""
+    locations = corners("area.polygon_m", area.polygon_m)
+    (south, west), (north, east) = locations.min(axis=0) - AROUND_M, locations.max(axis=0) + AROUND_M
+    lat, lon = geodetic_from_local([south, south, north, north], [west, east, west, east], *origin)
+    return tuple(zip(lat.tolist(), lon.tolist(), strict=True))
 
 
 @contextlib.contextmanager

@@ -10,7 +10,8 @@ import pytest
 from ground_helpers import bottom, check_bottom
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_sim.ground import gdal_ground, grid_ground
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_sim.ground import gdal_ground, grid_ground, ground_source
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
 
@@ -351,3 +352,33 @@ def test_a_raster_with_too_many_nodes_is_read_as_means_of_blocks(tmp_path, monke
         monkeypatch.setattr(module, "MAX_GRID_NODES", 35)
     with pytest.raises(GroundError, match=r"has 41 x 41 nodes, more than 35 blocks of 6 x 6\. Cut the grid"):
         load_ground(path)
+
+
+def test_of_a_large_raster_the_part_around_the_area_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(ground_source, "AROUND_M", 50.0)
+    utm = rasterio.transform.Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 5_200_000.0)
+    degrees = rasterio.transform.Affine(1e-4, 0.0, 360.0, 0.0, -1e-4, 45.0)  # longitudes from 360 on
+    for crs, transform, origin in (
+        (UTM, utm, load_ground(tif(tmp_path / "depth.tif", DEPTH.astype("float32"), nodata=-9999.0)).origin),
+        ("EPSG:4326", degrees, (45.0 - 21e-4, 21e-4)),
+    ):
+        path = tmp_path / "depth.tif"
+        about = {"driver": "GTiff", "width": 41, "height": 41, "count": 1, "dtype": "float32", "nodata": -9999.0}
+        with rasterio.open(path, "w", transform=transform, crs=crs, **about) as file:
+            file.write(DEPTH.astype("float32"), 1)
+        area = {"polygon_m": [-80.0, -80.0, 80.0, -80.0, 80.0, 80.0], "origin_lat_deg": origin[0]}
+        area["origin_lon_deg"] = origin[1]
+        settings = Settings.load(None, {"sim.bathymetry.file": str(path), **{f"area.{k}": v for k, v in area.items()}})
+        monkeypatch.setattr(gdal_ground, "LARGE_NODES", 41 * 41)
+        whole = ground_source.ground_of(settings)
+        monkeypatch.setattr(gdal_ground, "LARGE_NODES", 41 * 41 - 1)
+        monkeypatch.setattr(ground_source, "_last", None)
+        part = ground_source.ground_of(settings)
+        assert "nodes around the area are read" not in whole.describe()
+        assert "nodes around the area are read" in part.describe()
+        assert part.extent.height_m < 280.0 < whole.extent.height_m
+        north, east = np.random.default_rng(1).uniform(-80.0, 80.0, (2, 300))
+        assert np.abs(part.depth_m(north, east) - whole.depth_m(north, east)).max() < 0.1  # two splines
+        off = settings.with_overrides({"area.origin_lat_deg": 1.0})
+        with pytest.raises(GroundError):  # all of it is too far from there
+            ground_source.ground_of(off)
