@@ -19,7 +19,7 @@ from auv_lse_sim.ground.raster_ground import raster_ground
 def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
     """Reads ground from an ESRI ASCII grid; a .prj file beside it gives its projection.
 
-    Rows may be wrapped: ncols says where one ends.
+    Rows may be wrapped: ncols says where one ends. Either axis may begin at the corner or the center of a cell.
 
     Raises:
         GroundError: naming the line and what was expected.
@@ -47,8 +47,10 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             values.extend(row)
             counts.append(len(row))
             lines.append(number)
-    corner = "xllcorner" in header
-    x_name, y_name = ("xllcorner", "yllcorner") if corner else ("xllcenter", "yllcenter")
+    x_name, y_name = (
+        f"{axis}ll{'center' if f'{axis}llcenter' in header and f'{axis}llcorner' not in header else 'corner'}"
+        for axis in "xy"
+    )
     header.setdefault("dx", header.get("cellsize", math.nan))
     header.setdefault("dy", header.get("cellsize", math.nan))
     for key in ("ncols", "nrows", x_name, y_name, "dx", "dy"):
@@ -63,9 +65,8 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
     dx, dy = header["dx"], header["dy"]
     if min(dx, dy) <= 0.0:
         raise GroundError(f"{path}: its cells are {dx:g} x {dy:g}; write sizes above 0")
-    shift = 0.5 if corner else 0.0
-    x = header[x_name] + dx * (shift + np.arange(columns, dtype=np.float64))
-    y = header[y_name] + dy * (shift + np.arange(rows, dtype=np.float64))
+    x = header[x_name] + dx * (0.5 * (x_name == "xllcorner") + np.arange(columns, dtype=np.float64))
+    y = header[y_name] + dy * (0.5 * (y_name == "yllcorner") + np.arange(rows, dtype=np.float64))
     projection = path.with_suffix(".prj")
     crs = projection.read_text() if projection.is_file() else None
     return raster_ground(path, x, y, grid, crs, config, origin)

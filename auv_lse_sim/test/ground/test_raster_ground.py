@@ -23,6 +23,13 @@ def test_ascii_grid_in_metres(tmp_path, corner, shift):
     assert "elevations, negated" in elevations.describe()
 
 
+def test_each_axis_of_an_ascii_grid_begins_at_a_corner_or_a_center(tmp_path):
+    axis = np.arange(0.0, 401.0, 10.0)
+    text = ascii_text(bottom(*np.meshgrid(axis, axis, indexing="ij")), -5.0, 0.0, 10.0)
+    (tmp_path / "depth.asc").write_text(text.replace("yllcorner", "yllcenter"))
+    check_bottom(load_ground(tmp_path / "depth.asc"), tolerance=0.05)
+
+
 def test_ascii_grid_in_degrees(tmp_path):
     step = 1e-4
     lat, lon = 45.0 + step * np.arange(60), 7.0 + step * np.arange(80)
