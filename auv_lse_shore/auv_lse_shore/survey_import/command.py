@@ -7,7 +7,7 @@ import math
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 from auv_lse_common.support.atomic_files import check_folder
@@ -177,6 +177,7 @@ def user_facts(options: argparse.Namespace) -> UserFacts:
             day_first=options.day_first,
             surface_m=options.surface,
             crs=options.crs,
+            today=_today(),
         ),
         choice=Choice(
             sounder=options.sounder,
@@ -203,7 +204,11 @@ def _clock_facts(options: argparse.Namespace) -> ClockFacts:
         start = start_of(options.date) if options.date else None
     except ValueError as error:
         raise LogError(f"--date {options.date} is not a date; write it like 2026-06-14.") from error
-    return ClockFacts(start=start, ahead_h=options.utc_offset, today=datetime.now(UTC).date())
+    return ClockFacts(start=start, ahead_h=options.utc_offset, today=_today())
+
+
+def _today() -> date:
+    return datetime.now(UTC).date()
 
 
 class _Progress:

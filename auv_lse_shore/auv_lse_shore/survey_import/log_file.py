@@ -8,6 +8,7 @@ import tempfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import date
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
@@ -128,6 +129,7 @@ class ReadOptions:
         day_first: Whether 3/4/2026 is in April; None: as the dates show.
         surface_m: Elevation of the water surface, for tables of elevations; NaN: unknown.
         crs: Coordinate reference system of a table in metres; "" if unknown.
+        today: The latest day of a date whose notation allows several.
         used: Names of those that some log needed.
     """
 
@@ -137,4 +139,5 @@ class ReadOptions:
     day_first: bool | None = None
     surface_m: float = float("nan")
     crs: str = ""
+    today: date = date.max
     used: set[str] = field(default_factory=set, compare=False)

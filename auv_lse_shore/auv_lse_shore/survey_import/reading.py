@@ -23,6 +23,7 @@ _OTHERS = (
     (rb"#ROSBAG V", 0, "a ROS 1 recording"),
     (rb"\xd0\xcf\x11\xe0", 0, "an Excel workbook"),
     (rb"\.FIT", 8, "a Garmin activity (FIT)"),
+    (rb"FTP (NEW|OLD)\b", 0, "a raw file of Hypack"),
     (rb"\s*<(\?xml|!DOCTYPE|html|kml)", 0, "XML or a web page"),
     (rb"\s*(\{\s*[\"}]|\[\s*[\[{])", 0, "JSON in another form than crowdsourced bathymetry"),
 )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import codecs
+from datetime import date
 
 import numpy as np
 import pytest
 from adjust.survey_logs import START_S
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
-from auv_lse_shore.survey_import.parsing.times import days
+from auv_lse_shore.survey_import.parsing.times import dates_of_digits, days, of_gps_weeks
 from auv_lse_shore.survey_import.survey_log import LogError
 
 
@@ -183,3 +184,80 @@ def test_the_depth_unit_is_that_of_heights_above_the_bottom_without_their_own(tm
 
     data = lines(f"lat,lon,depth,distance to bottom{unit},utc", row)
     checked(gathered(tmp_path, data, "--depth-unit", "ft"))
+
+
+@pytest.mark.parametrize(
+    ("texts", "today", "found"),
+    [
+        (["261129"], date(2026, 11, 29), {"yymmdd": "2026-11-29"}),  # else a day to come, or the month 26
+        (["061425"], date(2026, 11, 29), {"mmddyy": "2025-06-14"}),
+        (["271125"], date(2026, 11, 29), {"ddmmyy": "2025-11-27"}),
+        (["140625", "150625"], date(2026, 11, 29), {"ddmmyy": "2025-06-14"}),  # a day apart, or a year
+        (["140625"], date(2026, 11, 29), {"ddmmyy": "2025-06-14", "yymmdd": "2014-06-25"}),
+        (["140625", "2025-06-14"], date(2026, 11, 29), {}),
+        (["999999"], date(2026, 11, 29), {}),
+    ],
+)
+def test_six_digits_are_dates_in_the_orders_that_may_be_meant(texts, today, found):
+    assert {order: dates[texts[0]] for order, dates in dates_of_digits(texts, today).items()} == found
+
+
+@pytest.mark.parametrize(
+    ("header", "form", "options"),
+    [
+        ("date,time", "%d%m%y,%H:%M:%S", []),
+        ("date,hour,minute,second", "%m%d%y,%H,%M,%S", []),
+        ("date (yymmdd),time", "%y%m%d,%H%M%S", []),
+        ("date,time", "%d%m%y,%H:%M:%S", ["--day-first"]),
+    ],
+)
+def test_dates_of_six_digits_beside_times(tmp_path, header, form, options):
+    first_s = 0.0 if options or "(" in header else 50_380.0  # the others pass midnight
+
+    def row(t, a, o, d):
+        return f"{utc(t + first_s, form)},{a:.8f},{o:.8f},{d:.3f}"
+
+    checked(gathered(tmp_path, lines(f"{header},lat,lon,depth", row), *options), starts=START_S + first_s)
+
+
+@pytest.mark.parametrize(
+    "form", ["date,time|%d%m%y,%H:%M:%S", "date,hour,minute,second|%d%m%y,%H,%M,%S", "date|%d%m%y"]
+)
+def test_a_date_of_six_digits_that_may_be_two_is_ignored_and_both_are_named(tmp_path, form):
+    header, form = form.split("|")
+    data = lines(f"{header},lat,lon,depth", lambda t, a, o, d: f"{utc(t, form)},{a:.8f},{o:.8f},{d:.3f}")
+    text = gathered(tmp_path, data).lines[0]
+    assert text.count("column date is ignored: '030526' may be 2026-05-03 (ddmmyy) or 2026-03-05 (mmddyy)") == 1
+    assert "2003-05-26 (yymmdd); write it in that form" in text
+
+
+def test_minutes_and_seconds_before_24_minutes_are_those_of_a_boat_that_moves(tmp_path):
+    def row(t, a, o, d):
+        return f"{utc(t, '%M:%S')},{a:.8f},{o:.8f},{d:.3f}"
+
+    for header in ("time", "elapsed (mm:ss)"):
+        found = gathered(tmp_path, lines(f"{header},lat,lon,depth", row), "--date", "2026-05-03T10:00:00Z")
+        checked(found)
+        assert "minutes and seconds, and no hours" in found.lines[0]
+
+
+def test_hours_and_minutes_of_single_soundings_stay_such(tmp_path):
+    def row(t, a, o, d):
+        return f"{utc(START_S + 300.0 * (t - START_S), '%H:%M')},{a:.8f},{o:.8f},{d:.3f}"
+
+    assert "no hours" not in gathered(tmp_path, lines("time,lat,lon,depth", row)).lines[0]
+
+
+@pytest.mark.parametrize(("stamp_s", "ahead_s"), [(1.42e9, 16.0), (1.451e9, 17.0), (1.9e9, 18.0), (3.3e8, 0.0)])
+def test_gps_is_ahead_by_the_leap_seconds_until_then(stamp_s, ahead_s):
+    week, of_week = np.divmod(np.array([stamp_s - 315_964_800.0 + ahead_s]), 604_800.0)
+    assert of_gps_weeks(week, of_week) == pytest.approx([stamp_s])
+
+
+def test_a_raw_file_of_hypack_names_what_to_export(tmp_path):
+    raw = (
+        "FTP NEW 2\nVER 13.0.9.17\nTND 10:00:00 05/03/2026\nDEV 0 16 GPS\nDEV 1 16 Sounder\nEOH\n"
+        "POS 0 36000.100 500000.12 5150000.34\nEC1 1 36000.150 8.12\nPOS 0 36001.100 500001.12 5150000.34\n"
+    )
+    with pytest.raises(LogError, match=r"a raw file of Hypack. Export"):
+        gathered(tmp_path, raw)

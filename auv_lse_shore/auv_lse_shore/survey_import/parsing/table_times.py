@@ -29,6 +29,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     are_compact,
     are_four_digits,
     are_six_digits,
+    dates_of_digits,
     datetimes,
     days,
     full_year,
@@ -42,7 +43,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     zoned_of,
 )
 from auv_lse_shore.survey_import.parsing.units import TIME_UNITS
-from auv_lse_shore.survey_import.survey_log import LogError
+from auv_lse_shore.survey_import.survey_log import JUMP_M, LogError
 
 Array = NDArray[np.float64]
 
@@ -56,13 +57,25 @@ _HALF_DAY = re.compile(r"[ap]\.?m\.?\s*$", re.IGNORECASE)
 #: The name of a zone, whose offset is not known, behind a time.
 _ZONE_NAME = re.compile(r"(?<=[\d.MAPmp])\s+(?!UTC|GMT|AM|PM)[A-Z]{3,4}(?=\s+\d{4}\s*$|\s*$)")
 
+#: A name that states minutes and seconds.
+_NOTATION = re.compile(r"(?<!h:)\bmm?:ss?\b|\bmin:sec\b", re.IGNORECASE)
+#: A boat that logs a position each minute or more often, and is slower than this (m/s), is at a mooring.
+_DRIFT_MPS = 0.1
+
 _ORDER_NOTE = "it is unclear whether dates begin with the day or the month: see --day-first"
 #: Number of times, spread over a table, by which their notation is recognized.
 _SAMPLED = 1000
 
 
-def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
-    """Times (s), NaN where missing; sets the content's clock."""
+def times_of(table: Table, steps_m: Array, options: ReadOptions, content: LogContent) -> Array:
+    """Times (s), NaN where missing; sets the content's clock.
+
+    Args:
+        table: Its `n` rows.
+        steps_m: Distances (m) between their positions (n - 1).
+        options: What the user knows about them.
+        content: Takes the clock and notes.
+    """
     best: tuple[Clock, Array] | None = None
     options.used.add("day_first")
     order = (Clock.UTC, Clock.LOCAL, Clock.DAY, Clock.ELAPSED)
@@ -72,7 +85,7 @@ def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
     if {*GPS_TIME} <= table.columns.keys():
         best = Clock.UTC, of_gps_weeks(*(table.values[role] for role in GPS_TIME))
     for role in candidates or ["date"] * ("date" in table.columns and best is None):
-        found = _time(table, role, options, content)
+        found = _time(table, role, steps_m, options, content)
         if found and (best is None or order.index(found[0]) < order.index(best[0])):
             best = found
     if best is None:
@@ -90,7 +103,9 @@ def times_of(table: Table, options: ReadOptions, content: LogContent) -> Array:
     return times
 
 
-def _time(table: Table, role: str, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
+def _time(
+    table: Table, role: str, steps_m: Array, options: ReadOptions, content: LogContent
+) -> tuple[Clock, Array] | None:
     """A column of times with its clock; None if it holds none."""
     column, texts = table.columns[role], table.values[role].tolist()
     if "half_day" in table.columns:
@@ -100,6 +115,9 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     first = next((text for text in texts if text.strip()), "")
     if not first:
         return None
+    if role == "date" and dates_of_digits(texts, options.today):
+        day, _ = _days(table, options, content)
+        return (Clock.LOCAL, day) if np.isfinite(day).any() else None
     if ":" in first and (zone := _ZONE_NAME.search(first)):
         content.notes.append(f"column {column.name}: the zone{zone[0]} is not read")
         texts = [_ZONE_NAME.sub("", text) for text in texts]
@@ -110,21 +128,19 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     are_digits = are_compact(sample) or (are_of_day and column.unit not in TIME_UNITS)
     if not are_digits and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
-    if of_hour_s(sample) is not None and (of_hour := of_hour_s(texts)) is not None:
+    is_of_hour = of_hour_s(sample, True) is not None and _are_minutes_and_seconds(texts, column, table, steps_m)
+    if of_hour_s(sample, is_of_hour) is not None and (of_hour := of_hour_s(texts, is_of_hour)) is not None:
         content.notes.append(f"column {column.name} has minutes and seconds, and no hours")
         return Clock.ELAPSED, _counted(of_hour, _HOUR_S, table)
     if np.isfinite(of_day_s(sample)).mean() > 0.5:
-        clock, zoned, dates = of_day_s(texts), zoned_of(texts), _dates(table)
-        _check_zones(texts, clock, zoned, column, dates.name, table.path)
-        day, assumed = days(dates.texts, options.day_first)
+        clock, zoned, (day, date_name) = of_day_s(texts), zoned_of(texts), _days(table, options, content)
+        _check_zones(texts, clock, zoned, column, date_name, table.path)
         if not np.isfinite(day).any():
-            if date := first_of(dates.texts):
-                content.notes.append(f"column {dates.name} is ignored: {date!r} is not a date")
             return Clock.DAY, _counted(clock - (0.0 if zoned else header_zone_s(column.name)), _DAY_S, table)
-        day = _past_midnight(clock, day, dates.name, table, content)
-        is_utc = is_utc or ("utc" in dates.name.lower() and "local" not in column.name.lower())
+        day = _past_midnight(clock, day, date_name, table, content)
+        is_utc = is_utc or ("utc" in date_name.lower() and "local" not in column.name.lower())
         has_zone = bool(zoned)
-        stamps = day + clock - (0.0 if has_zone else header_zone_s(f"{column.name} {dates.name}"))
+        stamps = day + clock - (0.0 if has_zone else header_zone_s(f"{column.name} {date_name}"))
     else:
         stamps, stated, assumed = datetimes(texts, options.day_first)
         _check_zones(texts, stamps, stated, column, column.name, table.path)
@@ -132,16 +148,28 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
         if not np.isfinite(stamps).mean() > 0.5:
             return None
         stamps = stamps if has_zone else stamps - header_zone_s(column.name)
-    if assumed:
-        content.notes.append(_ORDER_NOTE)
+        content.notes += [_ORDER_NOTE] * assumed
     return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
+
+
+def _are_minutes_and_seconds(texts: Sequence[str], column: Column, table: Table, steps_m: Array) -> bool:
+    """Whether times such as "12:34" are minutes and seconds: by their name, or as a boat would else drift.
+
+    With a date they are hours and minutes. Without one, so are those of single soundings, minutes apart.
+    """
+    if _NOTATION.search(column.name):
+        return True
+    clock = of_day_s(texts)
+    apart_s = np.diff(clock[np.isfinite(clock)])
+    if has_date(table.columns) or not len(apart_s) or np.median(np.abs(apart_s)) > 60.0:
+        return False
+    way_m = float(np.nansum(np.where(steps_m < JUMP_M, steps_m, 0.0)))
+    return way_m < _DRIFT_MPS * float(apart_s[(apart_s > 0.0) & (apart_s < 3600.0)].sum())
 
 
 def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
     """Times from columns of dates or years, months and days, and of hours, minutes, seconds; None if they hold none."""
-    dates = _dates(table)
-    stamps, assumed = days(dates.texts, options.day_first)
-    content.notes += [_ORDER_NOTE] * assumed
+    stamps, date_name = _days(table, options, content)
     if "day_of_year" in table.dated_by:
         stamps = stamps + _DAY_S * (table.values["day_of_year"] % 1.0)
     for role, unit_s in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
@@ -150,7 +178,7 @@ def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tupl
         halves, hours = np.char.lower(np.char.strip(table.values["half_day"])), table.values["hour"]
         stamps = stamps + 3600.0 * (12.0 * (np.char.startswith(halves, "p") & (hours < 12.0)))
         stamps = stamps - 3600.0 * (12.0 * (np.char.startswith(halves, "a") & (hours >= 12.0)))
-    name = " ".join([dates.name, *(table.columns[role].name for role in DATE_PARTS if role in table.columns)]).lower()
+    name = " ".join([date_name, *(table.columns[role].name for role in DATE_PARTS if role in table.columns)]).lower()
     stamps, is_utc = stamps - header_zone_s(name), "utc" in name
     return ((Clock.UTC if is_utc else Clock.LOCAL), stamps) if np.isfinite(stamps).any() else None
 
@@ -178,6 +206,27 @@ def _dates(table: Table) -> _Dates:
         texts = [form.format(full_year(int(year)), *rest) if year >= 0.0 else "" for year, *rest in rows]
     table.dated_by.update(roles)
     return _Dates(texts, ", ".join(columns[role].name for role in roles))
+
+
+def _days(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, str]:
+    """Days (n,), s since 1970, of a table's dates, NaN for others, and the names of their columns.
+
+    Notes an order of day and month that is only assumed, and dates that cannot be read.
+    """
+    texts, name = _dates(table)
+    orders = dates_of_digits(texts, options.today)
+    meant = [order for order in orders if options.day_first in (None, order == "ddmmyy")]
+    meant = [order for order in orders if order in name.lower()] or meant
+    if len(meant) == 1:
+        texts = [orders[meant[0]].get(text, "") for text in texts]
+    day, assumed = days(texts, options.day_first)
+    content.notes += [_ORDER_NOTE] * assumed
+    if not np.isfinite(day).any() and (text := first_of(texts)):
+        may_be = " or ".join(f"{orders[order][text]} ({order})" for order in meant)
+        why = f"may be {may_be}; write it in that form" if meant else "is not a date"
+        note = f"column {name} is ignored: {text!r} {why}"
+        content.notes += [note] * (note not in content.notes)  # several columns may need the dates
+    return day, name
 
 
 def _without_offsets(times: Array, table: Table, content: LogContent) -> Array:
@@ -286,12 +335,11 @@ def _from_numbers(
             )
         return Clock.UTC, times
     if has_date(table.columns) and float(np.nanmax(times)) <= 86_401.0:
-        dates = _dates(table)
-        day, _ = days(dates.texts, options.day_first)
+        day, date_name = _days(table, options, content)
         if np.isfinite(day).mean() > 0.5:
             if not unit_s and float(np.nanmax(times)) <= 1.0:  # a share of the day, as spreadsheets have it
                 times = times * 86_400.0
-            name = f"{column.name} {dates.name}".lower()
-            day = _past_midnight(times, day, dates.name, table, content)
+            name = f"{column.name} {date_name}".lower()
+            day = _past_midnight(times, day, date_name, table, content)
             return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times - header_zone_s(name)
     return Clock.ELAPSED, times

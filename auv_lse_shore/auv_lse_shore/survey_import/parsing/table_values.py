@@ -159,7 +159,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
     content.left_out["positions that are no numbers"] += int(missing.sum())
     content.left_out[NO_POSITION] += int(zero.sum())
     content.left_out[NOT_ON_EARTH] += int(wrong.sum())
-    time_s = times_of(table, options, content)
+    time_s = times_of(table, _steps_m(positions, is_geodetic), options, content)
     timeless = ~np.isfinite(time_s)
     content.left_out["rows without a time"] += int(timeless.sum())
     depth_m, reference = _depths(table, options, content)
@@ -211,9 +211,7 @@ def spread_times(time_s: Array, positions: Array, is_geodetic: bool) -> tuple[Ar
     """
     starts = np.flatnonzero(np.append(True, np.diff(time_s) != 0.0))
     counts = np.diff(np.append(starts, len(time_s)))
-    scale = _DEGREE_M if is_geodetic else 1.0
-    with np.errstate(over="ignore", invalid="ignore"):
-        way_m = np.append(np.hypot(*np.diff(positions, axis=0).T) * scale, 0.0)  # to the next row
+    way_m = np.append(_steps_m(positions, is_geodetic), 0.0)  # to the next row
     way_m[np.append(starts[1:], len(time_s)) - 1] = 0.0
     inner_m = np.add.reduceat(np.nan_to_num(way_m, posinf=0.0).clip(max=1e9), starts)
     if not inner_m.any():
@@ -226,6 +224,13 @@ def spread_times(time_s: Array, positions: Array, is_geodetic: bool) -> tuple[Ar
     spans = np.where(stood, 1e-3 * counts, spans)
     order = np.arange(len(time_s)) - np.repeat(starts, counts)
     return time_s + np.repeat(spans / counts, counts) * order, np.repeat(stood, counts)
+
+
+def _steps_m(positions: Array, is_geodetic: bool) -> Array:
+    """Distances (m) between rows that follow each other, roughly, (n - 1)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps: Array = np.hypot(*np.diff(positions, axis=0).T) * (_DEGREE_M if is_geodetic else 1.0)
+    return steps
 
 
 def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, bool]:

@@ -20,6 +20,14 @@ ROLLOVER_S = 1024 * _WEEK_S
 UTC_TO_S = 2_147_483_000.0
 #: Begin of GPS, 1980-01-06: no receiver gives an earlier time.
 GPS_FROM_S = 315_964_800.0
+#: Days from which GPS is one more leap second ahead of UTC.
+_LEAP_DAYS = np.array(
+    [
+        "1981-07", "1982-07", "1983-07", "1985-07", "1988-01", "1990-01", "1991-01", "1992-07", "1993-07", "1994-07",
+        "1996-01", "1997-07", "1999-01", "2006-01", "2009-01", "2012-07", "2015-07", "2017-01",
+    ],
+    dtype="datetime64[s]",
+).astype(float)  # fmt: skip
 #: Factors of epochs to seconds, by the magnitude of the numbers.
 _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
 _OF_DAY = re.compile(
@@ -32,6 +40,8 @@ _FOUR_DIGITS = re.compile(r"(\d{2})(\d{2})")
 _SIX_DIGITS = re.compile(r"(\d{1,2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.:](\d{1,2})[-/.:](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
+#: Orders of dates of six digits, such as 140625, and where their years, months and days begin.
+_DIGIT_ORDERS = {"ddmmyy": (4, 2, 0), "mmddyy": (4, 0, 2), "yymmdd": (0, 2, 4)}
 #: ISO 8601 without signs: 20250614T100000Z.
 _COMPACT = re.compile(r"\s*((?:19|20)\d{6})T?[ _-]?(\d{2})(\d{2})(\d{2}(?:\.\d*)?)(\s*(?:Z|[+-]\d{2}(?::?\d{2})?)?)$")
 #: A day of a spreadsheet that is no 4-03-25 without signs, and their first one (s since 1970: 1899-12-30).
@@ -126,22 +136,27 @@ def _of_day(text: str) -> float:
     return float("nan")
 
 
-def of_hour_s(texts: Sequence[str]) -> Array | None:
+def of_hour_s(texts: Sequence[str], are_certain: bool) -> Array | None:
     """Seconds (n,) of the hour of times such as "34:05.2", NaN for others; None if hours and minutes may be meant.
 
     Spreadsheets leave out the hours of times with fractions of a second.
+
+    Args:
+        texts: The times.
+        are_certain: Whether hours and minutes are not meant.
     """
     found = [_OF_HOUR.fullmatch(text.strip()) for text in texts]
     values = [(float(match[1]), float(match[2].replace(",", "."))) if match else (np.nan, np.nan) for match in found]
     minutes, seconds_ = np.array(values).reshape(-1, 2).T
-    is_of_hour = (minutes >= 24.0).any() or (seconds_ % 1.0 > 0.0).any()
+    is_of_hour = are_certain or (minutes >= 24.0).any() or (seconds_ % 1.0 > 0.0).any()
     return 60.0 * minutes + seconds_ if is_of_hour and np.isfinite(minutes).mean() > 0.5 else None
 
 
 def of_gps_weeks(weeks: Array, of_week: Array) -> Array:
-    """Seconds since 1970 (n,) of GPS weeks and their seconds or milliseconds, with the 18 leap seconds since 2017."""
+    """Seconds since 1970 (n,) of GPS weeks and their seconds or milliseconds, without the leap seconds until then."""
     of_week_s = of_week * (1e-3 if np.nanmax(of_week, initial=0.0) > _WEEK_S else 1.0)
-    return GPS_FROM_S + weeks * _WEEK_S + of_week_s - 18.0
+    gps_s = GPS_FROM_S + weeks * _WEEK_S + of_week_s
+    return gps_s - np.searchsorted(_LEAP_DAYS + np.arange(len(_LEAP_DAYS)), gps_s, side="right")
 
 
 def are_six_digits(texts: Sequence[str]) -> bool:
@@ -202,6 +217,29 @@ def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
         assumed = bad[True] == bad[False] and differ
     known = _days(unique, day_first)
     return np.array([known[text] for text in texts]), assumed
+
+
+def dates_of_digits(texts: Sequence[str], today: date) -> dict[str, dict[str, str]]:
+    """Dates of six digits, such as 140625, as 2025-06-14, by each order of their digits that may be meant.
+
+    It gives no day after `today`, and of several days those that follow each other most closely.
+
+    Returns:
+        Dates by texts, by "ddmmyy", "mmddyy" or "yymmdd"; {} for other texts.
+    """
+    known = sorted({text for text in texts if text.strip()})
+    digits = [text.strip().zfill(6) for text in known]  # spreadsheets remove a leading zero
+    if not known or max(map(len, known)) < 6 or not all(re.fullmatch(r"\d{6}", text) for text in digits):
+        return {}
+    last_s = datetime(today.year, today.month, today.day, tzinfo=UTC).timestamp() + 86_400.0  # also east of here
+    found, spans = dict[str, dict[str, str]](), dict[str, float]()
+    for order, begins in _DIGIT_ORDERS.items():
+        parts = ([int(text[begin : begin + 2]) for begin in begins] for text in digits)
+        written = [f"{full_year(year)}-{month:02d}-{day:02d}" for year, month, day in parts]
+        stamps = [_date(text, day_first=False) for text in written]
+        if all(stamp <= last_s for stamp in stamps):
+            found[order], spans[order] = dict(zip(known, written, strict=True)), max(stamps) - min(stamps)
+    return {order: written for order, written in found.items() if spans[order] == min(spans.values())}
 
 
 def _with_numbers(text: str) -> str:
