@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+#: Soundings that are iterated over as Python's numbers at a time: those of a survey take far more memory than arrays.
+_AT_A_TIME = 10_000
+
 
 class Sounding(NamedTuple):
     """One measurement of water depth. Positions are in the local tangent plane.
@@ -108,7 +111,9 @@ class Soundings:
 
     def __iter__(self) -> Iterator[Sounding]:
         """Iterates over single soundings."""
-        return map(Sounding._make, zip(*(getattr(self, name).tolist() for name in Sounding._fields), strict=True))
+        for first in range(0, len(self), _AT_A_TIME):
+            columns = (getattr(self, name)[first : first + _AT_A_TIME].tolist() for name in Sounding._fields)
+            yield from map(Sounding._make, zip(*columns, strict=True))
 
     def in_order(self) -> Soundings:
         """The soundings in order of their stamps (stable)."""

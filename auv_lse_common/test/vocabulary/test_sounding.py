@@ -64,3 +64,8 @@ def test_invalid_soundings_are_rejected():
         Soundings(stamp_s=0.0, north_m=[1.0], east_m=[1.0, 2.0], depth_m=[1.0, 2.0])
     with pytest.raises(ValueError, match=r"rows must have the shape \(n, 4\).*, not \(2, 5\)"):
         Soundings.from_rows(np.zeros((2, 5)))
+
+
+def test_many_soundings_are_iterated_over_in_order():
+    rows = np.arange(4.0 * 25_001).reshape(-1, 4)
+    assert np.array_equal([sounding[:4] for sounding in Soundings.from_rows(rows)], rows)

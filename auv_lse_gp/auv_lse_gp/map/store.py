@@ -28,6 +28,8 @@ MAX_MERGED = 256
 #: Number of last centers that merging may change. Otherwise crossing an old track would recompute the factor and the
 #: map (seconds at 2000 centers).
 MERGE_WINDOW = 32
+#: Soundings that are Python's numbers at a time.
+_AT_A_TIME = 10_000
 
 
 class Outcome(enum.Enum):
@@ -85,8 +87,10 @@ class CenterStore:
         near, new = self._spaced(soundings[:, :2], max(min(max_new, self._config.max_centers - size), 0))
         self._table.rows[size:, 2:5] = soundings[new]
         self._table.rows[size:, 5] = np.maximum(noise_std_m[new], math.sqrt(self._least_noise_m2))
-        given = zip(near.tolist(), new.tolist(), soundings.tolist(), noise_std_m.tolist(), strict=True)
-        outcomes = []
+        columns, outcomes = (near, new, soundings, noise_std_m), []
+        # as Python's numbers, the soundings of a long survey take far more memory than the map: some at a time
+        parts = (slice(first, first + _AT_A_TIME) for first in range(0, len(soundings), _AT_A_TIME))
+        given = (row for part in parts for row in zip(*(column[part].tolist() for column in columns), strict=True))
         for number, is_new, (north_m, east_m, depth_m), noise_m in given:
             if is_new:
                 size += 1

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import json
 import re
+import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,10 +12,11 @@ import pytest
 from pyproj import Transformer
 from verb_main import verb_main
 
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.export import write_export
-from auv_lse_shore.export.formats import contours, crowdsourced
+from auv_lse_shore.export.formats import contours, crowdsourced, soundings_csv
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.export.options import _water_level
 from auv_lse_shore.export.projected import target_crs
@@ -300,7 +302,31 @@ def test_the_range_of_reduced_depths_and_soundings_above_the_datum_are_reported(
     assert re.search(r"^\d+ of 576 soundings lie above D and are not mapped$", printed, re.MULTILINE)
     assert main([str(lake[0].parent), *options, "120"]) == 2
     message = r"--water-level of 120 m \(constant\) puts all 576 soundings above D, by \d+\.\d to \d+\.\d m\. Give"
-    assert re.search(message, capsys.readouterr().err)
+    said = capsys.readouterr().err
+    assert re.search(message, said)
+    assert 'such as --datum "D 120 m" --water-level 0' in said
+    assert main([str(lake[0].parent), *options[2:], "0", "--datum", "D 120 m"]) == 0
+    (tmp_path / "level.csv").write_text("time_s,level_m\n0,120.4\n9000,120.1\n")
+    assert main([str(lake[0].parent), *options, str(tmp_path / "level.csv")]) == 2
+    assert 'such as --datum "D 120 m" and a table of levels 120 m lower' in capsys.readouterr().err
+
+
+def test_soundings_are_written_a_few_at_a_time(lake, tmp_path):
+    run = copy.deepcopy(lake[1].run)
+    count, first = 60_000, run.vehicles[0]
+    rows = np.column_stack([np.linspace(1.8e9, 1.81e9, count), np.zeros((count, 2)), np.full(count, 9.0)])
+    many = dataclasses.replace(first, soundings=Soundings.from_rows(rows))
+    survey = Survey(provider=("Lake Lab", "lab@lake.org"))
+    team = dataclasses.replace(lake[1], run=dataclasses.replace(run, vehicles=[many]))
+    export = Export(team=team, folder=tmp_path, survey=survey)
+    for module in (crowdsourced, soundings_csv):
+        tracemalloc.start()
+        assert module.write(export)
+        _, peak_bytes = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak_bytes < 500 * count  # as arrays: 7 to 20 numbers of each; as Python's, 700 to 2,000 bytes
+    assert len(json.loads((tmp_path / "soundings_b12_auv1.geojson").read_text())["features"]) == count
+    assert (tmp_path / "soundings.csv").read_text().count("\n") == count + 1
 
 
 def test_s102_is_read_back_by_gdal(lake):

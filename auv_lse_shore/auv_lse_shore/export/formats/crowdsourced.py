@@ -6,7 +6,8 @@ import datetime
 import json
 import re
 import uuid
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TextIO
 
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
@@ -34,10 +35,18 @@ def write(export: Export) -> str:
         return f"soundings_b12_auvN.geojson: skipped, because {missing}"
     numbers = sorted({v.vehicle for v in vehicles})
     for number in numbers:
-        collection = _collection(export, [v for v in vehicles if v.vehicle == number])
-        path = export.folder / f"soundings_b12_auv{number}.geojson"
-        path.write_text(json.dumps(collection, allow_nan=False))
+        dives = [v for v in vehicles if v.vehicle == number]
+        with (export.folder / f"soundings_b12_auv{number}.geojson").open("w") as file:
+            _write_collection(file, _collection(export, dives), (f for dive in dives for f in _features(export, dive)))
     return f"soundings_b12_auvN.geojson ({counted(len(numbers), 'vehicle')}, {CONVENTION})"
+
+
+def _write_collection(file: TextIO, collection: dict[str, Any], features: Iterator[dict[str, Any]]) -> None:
+    """Writes a collection with its features one by one: those of a long survey take more than a gigabyte together."""
+    file.write(json.dumps({**collection, "features": []}, allow_nan=False).removesuffix("]}"))
+    for number, feature in enumerate(features):
+        file.write(f"{', ' if number else ''}{json.dumps(feature, allow_nan=False)}")
+    file.write("]}")
 
 
 def _missing(export: Export, vehicles: list[VehicleRun]) -> str:
@@ -52,6 +61,7 @@ def _missing(export: Export, vehicles: list[VehicleRun]) -> str:
 
 
 def _collection(export: Export, dives: list[VehicleRun]) -> dict[str, Any]:
+    """A collection without its features."""
     survey = export.survey
     assert survey.provider is not None
     organization, email = survey.provider
@@ -86,7 +96,6 @@ def _collection(export: Export, dives: list[VehicleRun]) -> dict[str, Any]:
             },
             "processing": _processing(export, last),
         },
-        "features": [feature for dive in dives for feature in _features(export, dive)],
     }
 
 
@@ -122,14 +131,13 @@ def _processing(export: Export, timestamp: str) -> list[dict[str, Any]]:
     return steps
 
 
-def _features(export: Export, vehicle: VehicleRun) -> list[dict[str, Any]]:
+def _features(export: Export, vehicle: VehicleRun) -> Iterator[dict[str, Any]]:
     assert export.reference.origin is not None
     soundings = vehicle.soundings
     latitude, longitude = geodetic_from_local(soundings.north_m, soundings.east_m, *export.reference.origin)
     stds = vehicle.position_std_at(soundings.stamp_s)
     noise = export.team.settings.gp.noise_std_m
     tvu = sounding_uncertainty(export.team.run, vehicle, export.survey, noise).tvu_m
-    features = []
     for i, sounding in enumerate(soundings):
         properties: dict[str, Any] = {"depth": round(sounding.depth_m, 3), "time": _utc(sounding.stamp_s)}
         uncertainty = [float(value) for value in (stds[i, 1], stds[i, 0], tvu[i] / SIGMAS_95)]
@@ -137,8 +145,7 @@ def _features(export: Export, vehicle: VehicleRun) -> list[dict[str, Any]]:
             properties["uncertainty"] = [round(value, 3) for value in uncertainty]
         location = [round(float(longitude[i]), _DECIMALS), round(float(latitude[i]), _DECIMALS)]
         geometry = {"type": "Point", "coordinates": location}
-        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
-    return features
+        yield {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def _utc(stamp_s: float) -> str:
