@@ -9,6 +9,9 @@ soundings. The ground's roughness near each location scales their standard devia
   prior draws (random Fourier features) that are conditioned on the soundings (Matheron's rule): no covariance among
   cells is needed. Each has a standard deviation of its own: the roughness rests on few independent errors. The seed
   is fixed, so the same soundings give the same limit.
+
+In a long, narrow area, such as a river, these priors are too smooth across it: soundings along a channel hardly show
+its banks. There the limit is at least the length of an isobath along both sides, where it is not located.
 """
 
 from __future__ import annotations
@@ -53,6 +56,8 @@ LEAST_DENSITY = 0.01
 NEAR_STD = 8.0
 #: Largest number of cells, or a few more.
 MAX_CELLS = 5000
+#: An area more than this many times as long as wide is a channel.
+LONG = 4.0
 #: Draws for the upper limit, the waves that they are made of, and the limit's probability.
 DRAWS, WAVES, LIMIT_PROBABILITY = 200, 500, 0.95
 
@@ -219,6 +224,7 @@ def undiscovered_in_parts(
     expected_m, mean_m = float(lengths.sum()), float(np.mean(drawn))
     # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
     limit_m = expected_m * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean_m if mean_m > 0.0 else expected_m
+    limit_m = max(limit_m, along_channel_m(cells, grid.resolution_m, lengths, is_located))
     return Undiscovered(
         grid=grid,
         per_cell_m=grid.fill(lengths),
@@ -226,6 +232,31 @@ def undiscovered_in_parts(
         limit_m=limit_m,
         length_scale_m=sum(h.weight * h.posterior.kernel.length_m for h in found),
     )
+
+
+def along_channel_m(cells: Array, cell_m: float, lengths: Array, is_located: NDArray[np.bool_]) -> float:
+    """Length (m) of an isobath along both sides of a long, narrow area, where it is not located; 0 in other areas.
+
+    Across the area, one slice of cells after the other has two sides. A side counts if none of its cells is located,
+    and the expected length in it is more than 5 % of that of a line along it.
+
+    Args:
+        cells: The area's cells (P, 2).
+        cell_m: Their size.
+        lengths: Expected length (m) in each (P,).
+        is_located: Whether the isobath is located there (P,).
+    """
+    if len(cells) < 3:
+        return 0.0
+    squares, axes = np.linalg.eigh(np.cov(cells.T))
+    if squares[1] <= LONG**2 * squares[0]:
+        return 0.0
+    across, along = (cells @ axes).T
+    slices = np.floor((along - along.min()) / cell_m).astype(np.int64)
+    middle = np.bincount(slices, across) / np.maximum(np.bincount(slices), 1)  # a river may bend
+    sides = 2 * slices + (across > middle[slices])
+    may_be = np.bincount(sides, lengths) > (1.0 - LIMIT_PROBABILITY) * cell_m
+    return cell_m * float(np.count_nonzero(may_be & (np.bincount(sides, is_located) == 0.0)))
 
 
 def coarse_grid(area: OperatingArea, finest_m: float) -> Grid:

@@ -18,6 +18,7 @@ from auv_lse_gp.inference.work import finish
 from auv_lse_gp.map.undiscovered import (
     STD_WORTH,
     Hypothesis,
+    along_channel_m,
     coarse_grid,
     draws,
     hypotheses_in_parts,
@@ -128,3 +129,34 @@ def test_many_soundings_are_thinned_and_a_large_area_has_larger_cells() -> None:
     rng = np.random.default_rng(4)
     many = Centers(rng.uniform(0.0, 2000.0, (1500, 2)), rng.normal(15.0, 3.0, 1500), np.full(1500, 0.3))
     assert hypotheses(many)[0].posterior.data_rows == 1200
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 60.0])
+def test_the_isobath_may_run_along_both_sides_of_a_channel(turn_deg: float) -> None:
+    """Soundings along the middle of a channel 80 m wide, in its first 500 m of 1,500: the banks are not seen."""
+    turn = math.radians(turn_deg)
+    axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])  # along, across
+    corners = np.array([[0.0, -40.0], [1500.0, -40.0], [1500.0, 40.0], [0.0, 40.0]]) @ axes
+    area = OperatingArea(AreaConfig(polygon_m=corners.ravel().tolist()))
+    along, across = np.meshgrid(np.arange(5.0, 500.0, 10.0), [-20.0, 0.0, 20.0], indexing="ij")
+    u = np.column_stack([along.ravel(), across.ravel()])
+    depths = 18.0 + np.sin(u[:, 0] / 150.0) - 6.0 * (u[:, 1] / 25.0) ** 2
+    soundings = Centers(u @ axes, depths, np.full(len(u), 0.3))
+
+    def seen(locations: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.asarray(locations @ axes[0] < 520.0)
+
+    found = undiscovered(CONFIG, soundings, 15.0, coarse_grid(area, 5.0), seen)
+    assert found.limit_m == pytest.approx(2 * 980.0, rel=0.1)  # the slices of cells
+
+
+def test_sides_of_a_channel_count_where_the_isobath_may_be_and_is_not_located() -> None:
+    north, east = np.meshgrid(np.arange(5.0, 1000.0, 10.0), np.arange(5.0, 60.0, 10.0), indexing="ij")
+    cells = np.column_stack([north.ravel(), east.ravel() + 50.0 * np.sin(north.ravel() / 200.0)])  # it bends
+    west = east.ravel() < 30.0
+    lengths, nowhere_located = np.full(len(cells), 1.0), np.zeros(len(cells), dtype=bool)
+    assert along_channel_m(cells, 10.0, lengths, nowhere_located) == pytest.approx(2000.0, rel=0.05)
+    assert along_channel_m(cells, 10.0, lengths, west) == pytest.approx(1000.0, rel=0.1)
+    assert along_channel_m(cells, 10.0, np.where(west, 0.1, 1.0), nowhere_located) == pytest.approx(1000.0, rel=0.1)
+    assert along_channel_m(cells[north.ravel() < 150.0], 10.0, lengths, nowhere_located) == 0.0  # not long
+    assert along_channel_m(cells[:2], 10.0, lengths, nowhere_located) == 0.0
