@@ -18,7 +18,7 @@ from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingAre
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_shore.judge.planned_paths import PlannedPaths
-from auv_lse_shore.report.figures import WIDTH_IN, new_figure, styled, vehicle_style
+from auv_lse_shore.report.figures import MAX_ASPECT, WIDTH_IN, axis_label, map_shape, new_figure, styled, vehicle_style
 from auv_lse_shore.report.map_marks import add_graticule, add_scale_bar
 
 Array = NDArray[np.float64]
@@ -48,15 +48,17 @@ def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) ->
     area = OperatingArea(settings.area)
     positions = np.vstack([area.polygon, *_marked_positions(settings)])
     low, high = positions.min(axis=0), positions.max(axis=0)
-    pad = 0.04 * float((high - low).max())
-    aspect = float((high - low)[0] + 2.0 * pad) / float((high - low)[1] + 2.0 * pad)
+    sides = high - low
+    pad = 0.04 * np.maximum(sides, sides.max() / MAX_ASPECT)
+    (south, west), (north, east) = low - pad, high + pad
+    aspect, stretch = map_shape((west, east, south, north))
     height = min(max((WIDTH_IN - 1.2) * aspect, 2.0), 8.0)
     lines = [line for note in notes for line in textwrap.wrap(note, _NOTE_WIDTH)]
     figure = new_figure(WIDTH_IN, height + 1.2 + 0.13 * len(lines))
     axis = figure.subplots()
-    axis.set_aspect("equal")
-    axis.set_xlim(low[1] - pad, high[1] + pad)
-    axis.set_ylim(low[0] - pad, high[0] + pad)
+    axis.set_aspect(stretch)
+    axis.set_xlim(west, east)
+    axis.set_ylim(south, north)
     _draw_area(axis, area)
     _draw_lanes(axis, settings, area)
     _draw_vehicles(axis, settings)
@@ -65,8 +67,8 @@ def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) ->
     add_scale_bar(axis)
     figure.suptitle(title, x=0.02, ha="left", fontsize=10.0)
     axis.set_title("\n".join(lines), fontsize=7.5, color="#444444")
-    axis.set_xlabel("east (m)")
-    axis.set_ylabel("north (m)")
+    axis.set_xlabel(axis_label("east", 1.0 / stretch))
+    axis.set_ylabel(axis_label("north", stretch))
     figure.legend(handles=_handles(settings, area), loc="outside lower center", ncols=4, handlelength=2.0)
     return figure
 
@@ -125,7 +127,8 @@ def _draw_vehicles(axis: Any, settings: Settings) -> None:
     length = 0.06 * float(np.ptp(axis.get_xlim()))
     for number, own in enumerate(settings.vehicles, 1):
         v = own.vehicle
-        ahead = (length * math.sin(v.start_heading_rad), length * math.cos(v.start_heading_rad))
+        way = np.array([math.sin(v.start_heading_rad), math.cos(v.start_heading_rad)])
+        ahead = way * length / math.hypot(way[0], way[1] * axis.get_aspect())
         color = vehicle_style(number - 1)["color"]
         arrow = {"arrowstyle": "-|>", "lw": 2.0, "color": color, "shrinkA": 0.0, "shrinkB": 0.0}
         position = (v.start_east_m, v.start_north_m)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Polygon
 from verb_main import verb_main
 
@@ -134,3 +135,20 @@ def test_ground_that_cannot_be_reached_is_reported_and_drawn_apart_from_no_go_ar
     assert "no-go area" not in [text.get_text() for text in figure.legends[0].get_texts()]
     drawn = [patch for patch in figure.axes[0].patches if isinstance(patch, Polygon) and patch.get_hatch() == "...."]
     assert [patch.get_xy()[:, 1].min() for patch in drawn] == pytest.approx([170.0], abs=5.0)
+
+
+@pytest.mark.parametrize("along_north", [True, False])
+def test_the_map_of_a_river_is_stretched_across(along_north: bool) -> None:
+    high = (3000.0, 80.0) if along_north else (80.0, 3000.0)
+    polygon = [0.0, 0.0, high[0], 0.0, *high, 0.0, high[1]]
+    start = {"vehicle.start_north_m": 0.5 * high[0], "vehicle.start_east_m": 0.5 * high[1]}
+    figure = mission_figure(Settings.load(None, {"area.polygon_m": polygon, "mission.vehicles": 1, **start}), "river")
+    FigureCanvasAgg(figure).draw()
+    (axis,) = figure.axes
+    box = axis.get_window_extent()
+    sides = sorted((box.width, box.height))
+    assert sides[1] / sides[0] == pytest.approx(4.0, rel=0.1)
+    assert f"{'east' if along_north else 'north'} (m),\nstretched" in (axis.get_xlabel() + axis.get_ylabel())
+    arrow = next(text for text in axis.texts if text.arrow_patch is not None)
+    ends = axis.transData.transform([arrow.xy, arrow.xyann])
+    assert np.hypot(*(ends[1] - ends[0])) == pytest.approx(0.06 * box.width, rel=0.01)
