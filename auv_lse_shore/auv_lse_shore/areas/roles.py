@@ -31,8 +31,10 @@ _KEEP_OUT = r"no ?go|no ?entry|exclu(?:sion|sive|de|ded)|keep ?(?:out|away)|stay
 #: These are no-go areas, too, but may be a part of a lake's name.
 _RISKS = r"avoid|forbidden|prohibited|restricted|dangers?|dangerous|hazards?"
 _OBJECTS = r"obstacles?|obstructions?|islands?|islets?"
+#: Waters that are called after them.
+_NAMED_WATERS = r"(?: (?:lakes?|reservoir|ponds?|loch|lough|lagoon|tarn|meer|see)\b)"
 _ROLES = {
-    "no_go": re.compile(rf"\b({_KEEP_OUT}|{_RISKS}|{_OBJECTS})\b"),
+    "no_go": re.compile(rf"\b(?:(?:{_KEEP_OUT})|(?:{_RISKS}|{_OBJECTS})(?!{_NAMED_WATERS}))\b"),
     "start": re.compile(r"\b(start|launch)\b"),
     "recovery": re.compile(r"\b(recovery|rally|pick ?up|home)\b"),
     "shore": re.compile(r"\b(shore|shoreline|coastline)\b"),

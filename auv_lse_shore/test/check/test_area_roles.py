@@ -165,3 +165,14 @@ def test_a_closed_line_is_a_no_go_area_and_its_holes_are_listed(tmp_path):
     )
     assert list(positions.no_go) == ["no_go_pier", "no_go_bay"]
     assert positions.ignored == ["hole 1 of no-go area no-go bay", "nothing"]
+
+
+@pytest.mark.parametrize("name", ["Forbidden Lake", "Small Island Lake", "Danger Reservoir", "Hazard pond 2025"])
+def test_a_lake_may_be_called_after_islands_and_dangers(tmp_path, name):
+    known = ({"name": "island"}, "Polygon", [ISLANDS[0]])
+    path = geojson(tmp_path / "a.geojson", ({"name": name}, "Polygon", [LAKE]), known)
+    content = read_area(path)
+    assert content.area_name == name
+    assert list(content.no_go) == ["island"]
+    stated = geojson(tmp_path / "b.geojson", ({"name": f"no-go {name}"}, "Polygon", [ISLANDS[1]]), known)
+    assert len(read_area(stated).no_go) == 2
