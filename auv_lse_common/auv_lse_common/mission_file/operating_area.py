@@ -149,7 +149,8 @@ class OperatingArea:
             name: Its parameter, for messages.
 
         Raises:
-            ParameterError: if the resolution is not positive, there are too many cells, or no center is in the area.
+            ParameterError: if the resolution is not positive, there are too many cells, a cell is larger than the area,
+                or no center is in the area.
         """
         if not (math.isfinite(resolution_m) and resolution_m > 0.0):
             raise ParameterError(f"{name} must be a finite number > 0, not {resolution_m!r}")
@@ -160,6 +161,11 @@ class OperatingArea:
                 f"{name}: cells of {resolution_m!r} m divide the area of {high_n - low_n:.0f} m x "
                 f"{high_e - low_e:.0f} m into {cells:.3g}, more than {MAX_CELLS:,}. Choose at least "
                 f"{self.finest_cell_m:g} m, or a smaller area"
+            )
+        if resolution_m > max(high_n - low_n, high_e - low_e):
+            raise ParameterError(
+                f"{name}: a cell of {resolution_m!r} m is larger than the area of {high_n - low_n:.0f} m x "
+                f"{high_e - low_e:.0f} m. Choose smaller cells"
             )
         axes: list[Array] = []
         for low, high in ((low_n, high_n), (low_e, high_e)):

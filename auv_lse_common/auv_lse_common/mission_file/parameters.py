@@ -232,10 +232,21 @@ def _nearest(key: Any, known: Iterable[str]) -> str:
     return next(iter(difflib.get_close_matches(str(key), known, n=1)), "")
 
 
+def _in_other_sections(section_name: str, key: Any) -> list[str]:
+    """Dotted names of the parameters called `key` in other sections of a mission file; none for other mappings."""
+    from auv_lse_common.mission_file.sections.table import SECTIONS  # which is built of parameters
+
+    if section_name not in SECTIONS:
+        return []
+    return [f"{name}.{key}" for name, cls in SECTIONS.items() if key in {f.name for f in dataclasses.fields(cls)}]
+
+
 def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> ParameterError:
     near = _nearest(key, known)
     hint = f"did you mean '{near}'?" if near else f"known: {', '.join(sorted(known))}"
     name = f"{where}.{key}".rpartition(": ")[2]
+    if others := _in_other_sections(name.partition(".")[0], key):
+        hint = f"did you mean {' or '.join(others)}?"
     if value is None and str(key).isdigit():  # {level_m: 15,5}
         hint = "YAML separates by commas; write a decimal point"
     if name in RETIRED:

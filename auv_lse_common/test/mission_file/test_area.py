@@ -59,8 +59,10 @@ def test_grid_covers_the_area():
     assert np.all(np.isnan(filled[~grid.inside]))
     with pytest.raises(ValueError, match=r"resolution_m must be a finite number > 0, not 0\.0"):
         area.grid(0.0)
-    with pytest.raises(ValueError, match=r"no center of a 500\.0 m cell lies in the area"):
-        OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 3.0, 0.0, 3.0, 3.0), raster_m=0.5)).grid(500.0)
+    with pytest.raises(ValueError, match=r"no center of a 3\.0 m cell lies in the area"):
+        OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 3.0, 0.0, 0.0, 1.0), raster_m=0.5)).grid(3.0)
+    with pytest.raises(ValueError, match=r"gp: a cell of 301\.0 m is larger than the area of 200 m x 300 m\. Choose"):
+        area.grid(301.0, "gp")
 
 
 def test_raster_represents_a_thin_wall():

@@ -21,7 +21,7 @@ from auv_lse_common.mission_file.parameters import (
     section,
     to_mapping,
 )
-from auv_lse_common.mission_file.sections.table import check_sections
+from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,3 +211,16 @@ def test_describe_lists_every_parameter() -> None:
     rows = {row[0]: row for row in describe(Outer, "s.")}
     assert set(rows) == {"s.count", "s.total", "s.name", "s.on", "s.angles", "s.zones", "s.limit", "s.inner.gain"}
     assert rows["s.inner.gain"] == ("s.inner.gain", 1.0, "m", "> 0", "a gain")
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "hint"),
+    [
+        ("motion", "speed_mps", r"did you mean vehicle\.speed_mps\?"),
+        ("motion", "sound_speed_mps", r"did you mean positions\.sound_speed_mps or tdma\.sound_speed_mps\?"),
+        ("motion", "turn_radius", r"did you mean 'turn_radius_m'\?"),
+    ],
+)
+def test_a_parameter_of_another_section_is_named(section, key, hint):
+    with pytest.raises(ParameterError, match=rf"{section}\.{key}: unknown parameter \(value 1\.0\); {hint}"):
+        from_mapping(SECTIONS[section], {key: 1.0}, f"m.yaml: {section}")
