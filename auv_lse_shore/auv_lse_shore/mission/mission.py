@@ -118,6 +118,8 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
             raise ParameterError(
                 f"--{flag.replace('_', '-')} is for a bathymetry, and there is none: --bathymetry FILE"
             )
+    if options.for_vehicles is not None:  # the simulator's dynamics, current and DVL are no reason for warnings
+        settings = settings.with_overrides({"sim.ideal": True})
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
         fitted, notes = clip_to_reachable(settings)  # the synthetic lake is not the vehicles' lake
     else:

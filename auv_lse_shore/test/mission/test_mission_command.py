@@ -151,6 +151,17 @@ def test_hardware_chosen_by_the_user_stays_in_the_vehicles_file(tmp_path: Path) 
     assert Settings.load(out).common.link.kind == "mavlink"
 
 
+def test_the_vehicles_file_comes_without_warnings_about_the_simulator(tmp_path: Path, capsys) -> None:
+    axis = np.arange(0.0, 400.0, 10.0)
+    np.savez(tmp_path / "deep.npz", north_m=axis, east_m=axis, depth_m=np.full((40, 40), 80.0) + 0.1 * axis)
+    words = ["--bathymetry", str(tmp_path / "deep.npz"), "--for-vehicles", str(tmp_path / "v.yaml")]
+    words += ["--set", "sim.current.north_mps=3", "--set", "vehicle.speed_mps=3", "--set", "link.kind=direct", *PORT]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "coverage: " in said
+    assert "sim." not in said
+
+
 def test_the_area_asked_for_is_not_fitted_to_the_synthetic_lake(tmp_path: Path) -> None:
     path, out = tmp_path / "mission.yaml", tmp_path / "vehicles.yaml"
     corners = [0.0, 0.0, 900.0, 0.0, 900.0, 900.0, 0.0, 900.0]
