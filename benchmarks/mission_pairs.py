@@ -128,8 +128,11 @@ def checkout(commit: str, parent: Path = ROOT / "build") -> Path:
     except RuntimeError as error:
         cure = "Measure in a whole clone (git fetch --unshallow makes this one whole)"
         raise RuntimeError(f"the baseline is commit {commit[:8]}, which is not here ({error}). {cure}") from error
-    for other in {*parent.glob("baseline-*")} - {folder}:
-        shutil.rmtree(other)
+    for other in parent.glob("baseline-*"):
+        if not other.is_dir():
+            other.unlink()
+        elif other != folder:
+            shutil.rmtree(other)
     if not folder.exists():
         parent.mkdir(parents=True, exist_ok=True)
         _git("clone", "--quiet", "--shared", "--no-checkout", str(ROOT), str(folder))

@@ -11,12 +11,10 @@ import multiprocessing
 import random
 import secrets
 import select
-import signal
 import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_mavlink.messages.wire import MavlinkCodec, mavlink
 from auv_lse_mavlink.port import AutopilotPort
+from auv_lse_run.process.interrupt import interrupts_postponed
 from auv_lse_sim.emulated.autopilot_report import Report as State
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
@@ -110,15 +109,6 @@ class Rates:
     load: float
 
 
-def _start(process: SpawnProcess) -> None:
-    """Starts a process that Ctrl-C does not reach; this one ends it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited
-    try:
-        process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 class _Link:
     """The link, driven as vehicle_link_node drives it, and its autopilot's process."""
 
@@ -130,10 +120,11 @@ class _Link:
         config = LinkConfig(kind="mavlink", endpoint=f"udpin://127.0.0.1:{self.udp_port}")
         self.port = AutopilotPort(config, VEHICLE, None, key=key)
         context = multiprocessing.get_context("spawn")
-        self._targets, recorded = context.Value("q", 0), context.Queue()
-        arguments = (self.udp_port, key, self._targets, recorded)
-        self._process = context.Process(target=_autopilot, args=arguments, daemon=True)
-        _start(self._process)
+        with interrupts_postponed():  # this process ends the others
+            self._targets, recorded = context.Value("q", 0), context.Queue()
+            arguments = (self.udp_port, key, self._targets, recorded)
+            self._process = context.Process(target=_autopilot, args=arguments, daemon=True)
+            self._process.start()
         self.measure(1.0)
         until_s = time.monotonic() + 60.0
         while recorded.empty():
@@ -191,7 +182,8 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
             attacker = context.Process(
                 target=_attacker, args=(link.udp_port, datagrams, options.datagrams, sent), daemon=True
             )
-            _start(attacker)
+            with interrupts_postponed():
+                attacker.start()
             while not sent.value:
                 link.measure(0.1)
             first, began_s = sent.value, time.monotonic()

@@ -39,6 +39,23 @@ def first_signal() -> signal.Signals:
     return _first or signal.SIGINT
 
 
+@contextlib.contextmanager
+def interrupts_postponed() -> Iterator[None]:
+    """Postpones Ctrl-C to the end of the context; threads and processes started in it never receive it, nor SIGHUP.
+
+    A terminal sends both to every process. Workers would answer with a traceback, but this process ends them anyway.
+    """
+    from multiprocessing import resource_tracker  # few commands start such workers
+
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+    resource_tracker.ensure_running()  # would unblock Ctrl-C, which it ignores, if the first worker started it
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class Interrupt:
     """Takes over `SIGNALS`; SIGHUP only if the parent process does not ignore it.
 

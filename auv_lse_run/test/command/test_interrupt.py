@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import sys
@@ -215,6 +216,21 @@ def test_ctrl_c_while_python_starts_is_answered_when_it_can_be(tmp_path: Path) -
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=30)
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
+
+
+def test_the_command_of_a_workspace_holds_ctrl_c_until_python_can_answer(tmp_path: Path) -> None:
+    """As scripts/auv_lse does."""
+    for folder in ("bin", "lib/auv_lse_run"):
+        (tmp_path / folder).mkdir(parents=True)
+    shutil.copy(Path(__file__).parents[2] / "bin" / "auv_lse", tmp_path / "bin" / "auv_lse")
+    installed = tmp_path / "lib" / "auv_lse_run" / "auv_lse"
+    installed.write_text(
+        f"#!{sys.executable}\nimport signal, sys\nprint(signal.pthread_sigmask(0, []), sys.argv[1:])\n"
+    )
+    installed.chmod(0o755)
+    command = [str(tmp_path / "bin" / "auv_lse"), "a", "b c"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, preexec_fn=default_interrupt)
+    assert done.stdout == f"{ {signal.SIGINT} } {['a', 'b c']}\n"
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import os
 import signal
 import tempfile
 from collections.abc import Iterator
-from multiprocessing import resource_tracker
 from typing import Any
 
 from auv_lse_common.support.option_types import whole_from
+from auv_lse_run.process.interrupt import interrupts_postponed
 
 #: A mission is recorded as failed when more workers than this have died while simulating it.
 MAX_LOST_WORKERS = 2
@@ -47,7 +47,7 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
                 raise CampaignError(f"--scheduler {scheduler}: cannot be used: {error}") from error
         else:
             scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="auv_lse_dask_"))
-            with _interrupts_postponed():
+            with interrupts_postponed():
                 local = stack.enter_context(
                     LocalCluster(
                         n_workers=workers or cores(),
@@ -73,21 +73,6 @@ def _clean_shutdown() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@contextlib.contextmanager
-def _interrupts_postponed() -> Iterator[None]:
-    """Postpones Ctrl-C to the end of the context; threads and processes started in it never receive it, nor SIGHUP.
-
-    A terminal sends both to every process. Workers would answer with a traceback, but this process ends them anyway.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
-    resource_tracker.ensure_running()  # would unblock Ctrl-C, which it ignores, if the first worker started it
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def cores() -> int:

@@ -127,6 +127,8 @@ def clone(tmp_path, monkeypatch):
 def test_the_baseline_has_a_checkout_of_its_own_that_is_used_again(clone, tmp_path):
     commit = mission_pairs._git("rev-parse", "HEAD")
     (tmp_path / "build" / "baseline-01234567").mkdir(parents=True)
+    for name in ("baseline-89abcdef", f"baseline-{commit[:8]}"):
+        (tmp_path / "build" / name).write_text("a file")
     for _ in range(2):
         folder = mission_pairs.checkout(commit, tmp_path / "build")
         assert (folder / "code.py").read_text() == "1\n", "as committed"

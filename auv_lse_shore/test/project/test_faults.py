@@ -2,7 +2,11 @@
 
 import contextlib
 import math
+import os
 import shutil
+import signal
+import subprocess
+import sys
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -497,3 +501,14 @@ def test_damaged_files_are_read_apart_and_what_breaks_a_reader_is_reported(tmp_p
     assert report.survived == 0
     assert "KeyError: 'depth'" in report.lost[0]
     assert (tmp_path / "broken" / "damaged-0.geojson").is_file()
+
+
+def test_the_end_of_a_terminal_ends_a_flood_in_one_word():
+    """It sends SIGHUP to all processes, also to those of Python's own that count shared memory."""
+    command = [sys.executable, "-m", "auv_lse_run", "faults", "flood", "--seconds", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        said = process.stderr.readline()
+        assert "garbage: " in said  # the first flood is over
+        os.killpg(process.pid, signal.SIGHUP)
+        _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (129, "interrupted\n")
