@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
+from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.columns import (
-    Column,
     Table,
     columns_for,
     other_header,

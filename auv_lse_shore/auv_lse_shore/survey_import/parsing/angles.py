@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.length_units import factor_of
-from auv_lse_shore.survey_import.parsing.columns import Column
+from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
 

@@ -1,4 +1,4 @@
-"""What the columns of a table mean: from their names, or from `--columns`."""
+"""The columns of a table that are used: from their names, or from `--columns`; and what they lack."""
 
 from __future__ import annotations
 
@@ -8,37 +8,19 @@ import re
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.length_units import METRES, UNIT_NAMES, factor_of
+from auv_lse_gp.length_units import METRES, factor_of
+from auv_lse_shore.survey_import.parsing.column_names import ROLES, Column, column_of, named_columns
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
 from auv_lse_shore.survey_import.parsing.proposal import proposal
-from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE
 from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Mask = NDArray[np.bool_]
-
-
-class Column(NamedTuple):
-    """A column that is used.
-
-    Attributes:
-        number: Its number in the table.
-        role: A key of `ROLES`.
-        unit: The unit that its name or the row of units has; "" without one.
-        name: Its name in the table.
-        rank: The place of its name among those of its role, the best first.
-    """
-
-    number: int
-    role: str
-    unit: str
-    name: str
-    rank: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,120 +42,10 @@ class Table:
         return len(next(iter(self.values.values())))
 
 
-#: Names of each role without blanks, signs and units; of several columns of a role the first name counts.
-ROLES: dict[str, tuple[str, ...]] = {
-    "lat": (
-        "lat", "latitude", "latdeg", "latitudedeg", "gpslat", "gpslatitude", "poslat", "positionlat", "latwgs84",
-        "latitudewgs84", "wgs84lat", "decimallatitude", "breite", "breitengrad", "geobreite", "latitud", "latitudine",
-        "breddegrad", "breedtegraad", "szerokosc", "sirka", "shirota",
-    ),
-    "lon": (
-        "lon", "longitude", "lng", "long", "londeg", "longitudedeg", "gpslon", "gpslong", "gpslng", "gpslongitude",
-        "poslon", "positionlon", "lonwgs84", "longitudewgs84", "wgs84lon", "decimallongitude", "laenge", "lange",
-        "länge", "laengengrad", "längengrad", "geolaenge", "longitud", "longitudine", "lengdegrad", "lengtegraad",
-        "dlugosc", "delka", "dolgota",
-    ),
-    "lat_side": (
-        "ns", "latns", "latitudens", "latdir", "latitudedir", "latdirection", "latitudedirection", "lathemisphere",
-        "latitudehemisphere", "lathem", "latsign", "northsouth", "nsindicator", "nshemisphere", "hemispherens",
-    ),
-    "lon_side": (
-        "ew", "lonew", "longew", "longitudeew", "londir", "longdir", "longitudedir", "londirection",
-        "longitudedirection", "lonhemisphere", "longhemisphere", "longitudehemisphere", "lonhem", "lonsign", "eastwest",
-        "ewindicator", "ewhemisphere", "hemisphereew",
-    ),
-    "lat_min": ("latmin", "latmins", "latminutes", "latitudemin", "latitudemins", "latitudeminutes"),
-    "lon_min": (
-        "lonmin", "lonmins", "lonminutes", "longmin", "longminutes", "longitudemin", "longitudemins",
-        "longitudeminutes",
-    ),
-    "lat_sec": ("latsec", "latsecs", "latseconds", "latitudesec", "latitudesecs", "latitudeseconds"),
-    "lon_sec": (
-        "lonsec", "lonsecs", "lonseconds", "longsec", "longseconds", "longitudesec", "longitudesecs",
-        "longitudeseconds",
-    ),
-    "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "yutm", "nordwert", "hochwert", "n"),
-    "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "xutm", "ostwert", "rechtswert", "e"),
-    "depth": (
-        "waterdepth", "bottomdepth", "totaldepth", "watercolumndepth", "depth", "sonardepth", "depthbelowsurface",
-        "dep", "depthvalue", "instdep", "sounding", "depthcorrected", "correcteddepth", "depthsonar", "dbs",
-        "depthbelowtransducer", "depthtransducer", "depthraw", "rawdepth", "dbt", "dpt", "tiefe", "wassertiefe",
-        "profondeur", "profundidad", "profondita", "profundidade", "diepte", "dybde", "djup", "glebokosc", "hloubka",
-        "depthbelowkeel", "dbk", "depth1", "glubina",
-        "depthmean", "meandepth", "depthavg", "avgdepth", "averagedepth", "depthmedian", "mediandepth",
-    ),
-    "own_depth": (
-        "vehicledepth", "owndepth", "rovdepth", "auvdepth", "subdepth", "depthvehicle", "depthrov", "depthauv",
-    ),
-    "above_bottom": (
-        "abovebottom", "altitudeabovebottom", "heightabovebottom", "heightoffbottom", "altitudeaboveseafloor",
-        "heightaboveseafloor", "heightaboveseabed", "altitudeaboveseabed", "distancetobottom", "bottomdistance",
-        "rangetobottom", "dvlaltitude", "altimeter",
-    ),
-    "altitude": ("altitude", "alt", "rangefinder", "rangefinderdistance"),
-    "depth_unit": UNIT_NAMES,
-    "elevation": (
-        "elevation", "elev", "bedelevation", "bottomelevation", "lakebedelevation", "bedlevel", "bottomlevel",
-        "seafloorelevation", "sohlhoehe", "sohlhöhe",
-    ),
-    "datetime": (
-        "datetime", "datetimeutc", "utcdatetime", "timestamp", "timeutc", "utctime", "timestamputc", "time", "caltime",
-        "gpstime", "utc", "gmt", "recordedat", "createdat", "epoch", "unixtime", "unix", "unixtimestamp", "epochtime",
-        "posixtime", "datumzeit", "zeitstempel", "fechahora", "horodatage", "datetimelocal", "localtime", "times",
-        "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime", "timeboot",
-        "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed", "datenum", "jd", "mjd",
-        "time1", "secondsofday", "secofday", "headerstamp", "headerstampsec", "stamp", "stampsec",
-    ),
-    "gps_week": ("gpsweek", "gpswk", "gwk", "weeknumber", "week"),
-    "of_week": (
-        "gpstow", "tow", "itow", "timeofweek", "secondsofweek", "secofweek", "gpsseconds", "gpssec", "gpssow", "sow",
-        "gms",
-    ),
-    "half_day": ("ampm", "pmam"),
-    "utc_offset": ("utcoffset", "gmtoffset", "timezoneoffset", "tzoffset", "timezone", "tz"),
-    "year": ("year", "yyyy", "yr", "yy"),
-    "month": ("month", "mon", "mo"),
-    "day_of_year": ("dayofyear", "yearday", "doy", "jday", "julianday"),
-    "hour": ("hour", "hours", "hh", "hr"),
-    "minute": ("minute", "minutes", "min", "mins"),
-    "second": ("second", "seconds", "sec", "secs", "ss"),
-    "date": ("date", "utcdate", "dateutc", "gpsdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato"),
-    "quality": (
-        "confidence", "quality", "signalquality", "depthquality", "pingconfidence", "depthconfidence", "pingquality",
-        "echoquality", "conf", "sonarquality", "depthconf",
-    ),
-    "sounder": (
-        "sounder", "channel", "transducer", "sonar", "sonarid", "sensor", "sensorid", "instance", "channelid",
-        "sonarchannel", "transducerid", "sounderid", "beam", "beamnumber", "frequency", "surveytype",
-    ),
-    "vehicle": ("vehicle", "vessel", "boat", "platform", "vehicleid"),
-    "north_std": ("northstd",),
-    "east_std": ("eaststd",),
-    "tvu": ("tvu",),
-    "order": ("s44order",),
-    "x": ("x", "xcoord", "xcoordinate", "pointx", "coordx"),
-    "y": ("y", "ycoord", "ycoordinate", "pointy", "coordy"),
-    "z": ("z", "zcoord", "value", "zvalue"),
-}  # fmt: skip
-_BY_NAME = {name: role for role, names in ROLES.items() for name in names}
-#: Hemispheres, and minutes and seconds, where the unit of a latitude or longitude stands.
-_SIDES = {"lat": ("n", "s", "north", "south"), "lon": ("e", "w", "east", "west")}
-_PARTS = {
-    "min": "_min", "mins": "_min", "minutes": "_min", "'": "_min",
-    "sec": "_sec", "secs": "_sec", "seconds": "_sec", '"': "_sec", "''": "_sec",
-}  # fmt: skip
 #: A line that begins with a name, also behind a sign of comments, and has no decimals.
 _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)((?:[#%!*]+|//)?)[ \t]*([\"']?[^\W\d][^\r\n\0]{,5000})", re.MULTILINE)
 #: A number with at least three decimals, as degrees have.
 _DECIMALS = re.compile(r"\d[.,]\d{3,}")
-_ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
-#: As in "depth in feet".
-_PREPOSITION = re.compile(r"[\s_]+in[\s_]+(?=[a-z]+$)")
-#: As in LonW.
-_SIDE_AT_END = re.compile(r"(?<=[a-z])(?=[NSEW]$)")
-#: Which of a sounder's frequencies a depth is of.
-_FREQUENCY = re.compile(r"[(\[\s_]*(?:\d{2,3}[\s_]*khz|(?<![a-z])[hl]f)(?![a-z])[)\]]?")
-_BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
@@ -182,76 +54,9 @@ DEPTHS = ("depth", "elevation", "z")
 #: Roles of times in columns of their own, beside the day's.
 DATE_PARTS = ("year", "month", "day_of_year", "hour", "minute", "second")
 GPS_TIME = ("gps_week", "of_week")
-#: Letters for them, which are also names of their own in orders of a date and a time, as in YYYY,MM,DD,HH,MM,SS.
-_LETTERS = {"year": "y", "month": "m", "date": "d", "hour": "h", "minute": "m", "second": "s"}
-_ORDERS = re.compile("ymd|dmy|mdy|hms?")
-_IN_ORDERS = {"y", "m", "mm", "d", "dd", "h", "s"}
-
 #: More names than these in a column of vehicles number something else.
 _MOST_VEHICLES = 20
-
-
-def column_of(number: int, name: str, unit: str = "") -> Column | None:
-    """What a column's name means; None if it is not used."""
-    text = _SIDE_AT_END.sub(" ", name.strip().strip("\"'"))
-    text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", _FREQUENCY.sub("", text.lower())))
-    if match := _BRACKETS.search(text):
-        unit = match[1].strip()
-        text = _BRACKETS.sub("", text)
-    words = [word for word in re.split(r"[^a-z0-9äöüß°%]+", text) if word]
-    key = "".join(words)
-    if key not in _BY_NAME:  # a unit at the end, also without a sign before it: DepthFt, TimeMs
-        known = [*METRES, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS]
-        known.sort(key=lambda k: [k] != words[-1:])  # lon_grad is no long_rad
-        cut = next((k for k in known if key.endswith(k) and _suits(k, key[: -len(k)])), "")
-        key, unit = key.removesuffix(cut), unit or cut
-    if key not in _BY_NAME and words[-1:] and words[-1] in _SIDES.get(_BY_NAME.get("".join(words[:-1]), ""), ()):
-        key, unit = "".join(words[:-1]), words[-1]  # as in "lon W"
-    role, unit = _BY_NAME.get(key), unit.lower().strip()
-    if role is None:
-        return None
-    rank = ROLES[role].index(key)
-    return Column(number, role + _PARTS.get(unit, "") if role in _SIDES else role, unit, name.strip(), rank)
-
-
-def _suits(unit: str, key: str) -> bool:
-    """Whether a column of this name can have this unit: the `min` of a depth is no minute."""
-    role = _BY_NAME.get(key)
-    is_time = role in ("datetime", "utc_offset", "of_week")
-    if unit in METRES:
-        return role is not None and not is_time and role not in _LETTERS
-    return is_time if unit in TIME_UNITS else role is not None
-
-
-def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, Column]:
-    """The column of each role; of several columns, that of the role's first name. Several times are all kept.
-
-    A second time or depth has the role with its rank added: "datetime", "datetime1".
-    """
-    found: dict[str, list[Column]] = {}
-    for number, (name, meaning) in enumerate(zip(names, _spelled_out(names), strict=True)):
-        bracket = next(filter(_BRACKETS.fullmatch, names[number + 1 : number + 2]), "")  # above a column of units
-        column = column_of(number, meaning + bracket, units[number] if number < len(units) else "")
-        if column:
-            found.setdefault(column.role, []).append(column._replace(name=name.strip()))
-    columns = {}
-    for role, entries in found.items():
-        for i, column in enumerate(sorted(entries, key=lambda column: (column.rank, column.number))):
-            columns[role if not i else f"{role}{i}"] = column
-    return columns
-
-
-def _spelled_out(names: Sequence[str]) -> list[str]:
-    """The names, with those of the parts of dates and times where letters in a common order name them."""
-    keys = [name.strip().strip("\"'").lower() for name in names]
-    alone = _IN_ORDERS - {"y"} if "x" in keys else _IN_ORDERS
-    letters = "".join(key[0] if key in alone else _LETTERS.get(_BY_NAME.get(key, ""), "-") for key in keys)
-    meanings = [*names]
-    for match in _ORDERS.finditer(letters):
-        other = "minute" if "y" in match[0] else "month"
-        of_letter = {letter: role for role, letter in _LETTERS.items() if role != other}
-        meanings[match.start() : match.end()] = [of_letter[letter] for letter in match[0]]
-    return meanings
+_ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
 
 
 def other_header(text: str, dialect: Dialect, columns: dict[str, Column]) -> tuple[int, str]:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from auv_lse_gp.length_units import factor_of
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.log_file import ReadOptions
+from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.columns import (
     DATE_PARTS,
     GPS_TIME,
-    Column,
     Table,
     first_of,
     has_date,

@@ -16,7 +16,8 @@ from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.angles import angle, degrees_of
-from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Column, Table, depth_role, first_of
+from auv_lse_shore.survey_import.parsing.column_names import Column
+from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Table, depth_role, first_of
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.table_times import times_of
 from auv_lse_shore.survey_import.parsing.text import text_of
