@@ -24,6 +24,8 @@ T = TypeVar("T")
 _AS_TEXT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]\.\d+")
 #: ROS 2 parameters hold whole numbers below this.
 INTEGER_LIMIT = 2**63
+#: Sections of a mission file that have a parameter of this name; `sections/table.py` adds its own.
+SECTIONS_OF: dict[str, list[str]] = {}
 _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
@@ -234,11 +236,9 @@ def _nearest(key: Any, known: Iterable[str]) -> str:
 
 def _in_other_sections(section_name: str, key: Any) -> list[str]:
     """Dotted names of the parameters called `key` in other sections of a mission file; none for other mappings."""
-    from auv_lse_common.mission_file.sections.table import SECTIONS  # which is built of parameters
-
-    if section_name not in SECTIONS:
+    if not any(section_name in sections for sections in SECTIONS_OF.values()):
         return []
-    return [f"{name}.{key}" for name, cls in SECTIONS.items() if key in {f.name for f in dataclasses.fields(cls)}]
+    return [f"{name}.{key}" for name in SECTIONS_OF.get(key, ())]
 
 
 def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> ParameterError:

@@ -6,13 +6,14 @@ To add a section, write its dataclass and add a field here.
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.parameters import SECTIONS_OF, ParameterError
 from auv_lse_common.mission_file.retired import RENAMED
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.area import AreaConfig
@@ -60,6 +61,9 @@ class VehicleSections:
 TEAM_SECTIONS: dict[str, type] = typing.get_type_hints(TeamSections)
 VEHICLE_SECTIONS: dict[str, type] = typing.get_type_hints(VehicleSections)
 SECTIONS: dict[str, type] = {**TEAM_SECTIONS, **VEHICLE_SECTIONS}
+for _name, _section in SECTIONS.items():
+    for _field in dataclasses.fields(_section):
+        SECTIONS_OF.setdefault(_field.name, []).append(_name)
 
 
 def check_sections(parameters: Mapping[str, Any], where: str, ignore: Sequence[str] = ()) -> None:
