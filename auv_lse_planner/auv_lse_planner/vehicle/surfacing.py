@@ -15,13 +15,16 @@ corrects the locations of earlier and later soundings. A vehicle considers a sur
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
-from auv_lse_planner.paths.rollout import PlannedPath
+from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_planner.methods.method import Followed
+from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 
 #: Shares of the mission: before vehicle 1's first surfacing, delay of each further vehicle, and between two surfacings.
 FIRST, TURN, NEXT = 0.3, 0.1, 0.2
@@ -69,3 +72,20 @@ class Surfacings:
     def restore(self, value: Sequence[int]) -> None:
         """Continues from a `snapshot`."""
         self.done, self._earliest = value
+
+
+def delayed(followed: Followed, legs: int, rollout: Rollout) -> Followed:
+    """A followed path, delayed by `legs` steps for a stop; its last legs then end after the mission.
+
+    A naive path may depend on the number of legs left, so that the delayed plan would lead elsewhere. The plan then
+    continues with the path's explicit actions. A new choice would restart the lanes and the budget.
+    """
+    decided, path = followed.plan, followed.path
+    rest = path.from_step(path.step + 1)
+    plan = dataclasses.replace(decided, step=decided.step + legs)
+    later = rollout.follow(plan).from_step(path.step + legs)
+    if not np.allclose(later.states[min(1, len(later))], rest.states[0], atol=1e-6):
+        actions = tuple(int(action) for action in rest.actions[: max(len(rest) - legs, 0)])
+        plan = Plan.at(rest.step + legs, rest.states[0], actions, NONE)
+        later = rollout.follow(plan)
+    return Followed(plan, later)

@@ -36,7 +36,7 @@ from auv_lse_common.vocabulary.health import Recent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.naive_ids import FITTED
-from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.factor import IllConditionedError
@@ -55,7 +55,7 @@ from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.vehicle import problems
 from auv_lse_planner.vehicle.reward_so_far import RewardSoFar
 from auv_lse_planner.vehicle.shallow_ground import ShallowGround
-from auv_lse_planner.vehicle.surfacing import Surfacings
+from auv_lse_planner.vehicle.surfacing import Surfacings, delayed
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 from auv_lse_planner.vehicle.until import Until
 
@@ -426,30 +426,11 @@ class VehiclePlanner:
             lower = bound.reward_so_far + end - budget
             bound = dataclasses.replace(bound, expected_end=end, budget=budget, lower_bound=lower)
         leg = dataclasses.replace(decision.leg, surface=True)
-        plan = dataclasses.replace(self._delay(legs), quality_reached=decision.plan.quality_reached)
-        return dataclasses.replace(decision, leg=leg, bound=bound, plan=plan)
-
-    def _delay(self, legs: int) -> Plan:
-        """Delays the followed path by `legs` steps, for a stop; its last legs no longer fit into the mission.
-
-        A naive path may depend on the number of legs left, so that the delayed plan would lead elsewhere. The plan then
-        continues with the path's explicit actions. A new choice would restart the lanes and the budget.
-
-        Returns:
-            The delayed plan.
-        """
         assert self._followed is not None  # it was decided
-        decided, path = self._followed.plan, self._followed.path
-        rest = path.from_step(path.step + 1)
-        plan = dataclasses.replace(decided, step=decided.step + legs)
-        later = self.rollout.follow(plan).from_step(path.step + legs)
-        if not np.allclose(later.states[min(1, len(later))], rest.states[0], atol=1e-6):
-            actions = tuple(int(action) for action in rest.actions[: max(len(rest) - legs, 0)])
-            plan = Plan.at(rest.step + legs, rest.states[0], actions, NONE)
-            later = self.rollout.follow(plan)
-        self._followed = Followed(plan, later)
+        self._followed = delayed(self._followed, legs, self.rollout)
         self._method.shift(legs)
-        return plan
+        plan = dataclasses.replace(self._followed.plan, quality_reached=decision.plan.quality_reached)
+        return dataclasses.replace(decision, leg=leg, bound=bound, plan=plan)
 
     def _anchor(self) -> tuple[Array, bool]:
         """The state (3,) in the map to plan from, and whether it lies off the last plan.
