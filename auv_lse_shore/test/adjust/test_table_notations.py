@@ -192,6 +192,7 @@ def test_the_depth_unit_is_that_of_heights_above_the_bottom_without_their_own(tm
         (["261129"], date(2026, 11, 29), {"yymmdd": "2026-11-29"}),  # else a day to come, or the month 26
         (["061425"], date(2026, 11, 29), {"mmddyy": "2025-06-14"}),
         (["271125"], date(2026, 11, 29), {"ddmmyy": "2025-11-27"}),
+        (["271125", "000000", ""], date(2026, 11, 29), {"ddmmyy": "2025-11-27"}),
         (["140625", "150625"], date(2026, 11, 29), {"ddmmyy": "2025-06-14"}),  # a day apart, or a year
         (["140625"], date(2026, 11, 29), {"ddmmyy": "2025-06-14", "yymmdd": "2014-06-25"}),
         (["140625", "2025-06-14"], date(2026, 11, 29), {}),

@@ -227,7 +227,7 @@ def dates_of_digits(texts: Sequence[str], today: date) -> dict[str, dict[str, st
     Returns:
         Dates by texts, by "ddmmyy", "mmddyy" or "yymmdd"; {} for other texts.
     """
-    known = sorted({text for text in texts if text.strip()})
+    known = sorted({text for text in texts if text.strip().strip("0")})  # receivers without a date write 000000
     digits = [text.strip().zfill(6) for text in known]  # spreadsheets remove a leading zero
     if not known or max(map(len, known)) < 6 or not all(re.fullmatch(r"\d{6}", text) for text in digits):
         return {}
