@@ -2,7 +2,9 @@
 
 At the mission's start, waypoints are optimized for the expected end, to which the budget refers, from several
 boustrophedons. The naive paths are candidates too. A single vehicle also optimizes and bends many routes over the whole
-ground (`single_routes.py`). The best path is then bent: displaced to increase its value.
+ground (`single_routes.py`). The best path is then bent: displaced to increase its value. A vehicle of a large team on a
+short mission bends its lanes instead: each would choose the best tour beside mates that mow, several the same one, and
+they would hear of it too late.
 
 Later, the last path is bent again (`search/tour.py`). The result consists of explicit actions, because a tour's equal
 segments cannot represent narrow turns. The bend favors early reward as far as the budget allows. In addition, a tree
@@ -47,6 +49,9 @@ START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
 #: Share by which a team's tour may be behind the best naive path and still get more iterations.
 FAR_BEHIND = 0.003
+#: A team that has fewer legs than this for each vehicle starts with its lanes. All have heard the plans of all after
+#: one cycle of slots, about .6 legs for each vehicle.
+FEW_LEGS = 7
 #: Iterations of optimizing each route of a single vehicle.
 ROUTE_ITERATIONS = 10
 #: Rounds of bending the starts for the mission's end, which keep one of this many starts each; iterations of each bend;
@@ -166,6 +171,8 @@ class TourCandidates:
             last: The last path; None at the start.
         """
         s, reward = problem.situation, problem.reward
+        if last is None and self._keeps_lanes:
+            return self._along_lanes(problem)
         naive = self._naive(problem)
         result = Candidates(naive, self._floor(problem, naive), 0, s.out_of_time)
         if result.deadline_hit:
@@ -176,11 +183,26 @@ class TourCandidates:
         self._optimize(problem, starts, result)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
             self._bend_alone(problem, result)
-        if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
-            path = max(result.plans, key=lambda c: c.value.expected_end).path
-            limited = replace(problem, floor=result.floor)
-            self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
+        self._bend_first(problem, result)
         return result
+
+    @property
+    def _keeps_lanes(self) -> bool:
+        """Whether a large team has too few legs to correct first plans that overlap."""
+        return self._vehicles > 1 and self._context.settings.mission.steps < FEW_LEGS * self._vehicles
+
+    def _along_lanes(self, problem: TourProblem) -> Candidates:
+        """This vehicle's fitted lanes, which its mates expect of it, and the lanes bent."""
+        lanes = self._fitted(problem)
+        result = Candidates([lanes], self._floor(problem, [lanes]), 0, problem.situation.out_of_time)
+        self._bend_first(problem, result)
+        return result
+
+    def _bend_first(self, problem: TourProblem, result: Candidates) -> None:
+        """Adds the best path, bent towards early reward."""
+        if problem.reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
+            limited, path = replace(problem, floor=result.floor), best_of(result.plans).path
+            self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
 
     def _continued(self, problem: TourProblem, last: PlannedPath | None) -> list[Array]:
         """The last path, cut at the horizon or followed by lanes."""
@@ -257,13 +279,17 @@ class TourCandidates:
         plans = [self._naive_plan(problem, i) for i in (STRIPS[number % len(STRIPS)], *COVERING, *LAWNMOWERS)]
         paths = [(plan, self._rollout.follow(plan)) for plan in plans]
         paths.sort(key=lambda item: -reward.risk_near(item[1].locations_m[::SPARSE_LOCATIONS]))
-        fitted = self._naive_plan(problem, FITTED[number % len(FITTED)])
-        naive = [self.evaluated(fitted, self._rollout.follow(fitted), reward)]
+        naive = [self._fitted(problem)]
         for plan, path in paths:
             naive.append(self.evaluated(plan, path, reward))
             if problem.situation.out_of_time:
                 break
         return naive
+
+    def _fitted(self, problem: TourProblem) -> Candidate:
+        """This vehicle's fitted lanes."""
+        plan = self._naive_plan(problem, FITTED[(self._context.vehicle - 1) % len(FITTED)])
+        return self._candidate(plan, problem.reward)
 
     def _naive_plan(self, problem: TourProblem, naive_path: int) -> Plan:
         s = problem.situation

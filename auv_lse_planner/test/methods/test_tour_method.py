@@ -197,6 +197,20 @@ def test_each_round_bends_the_best_third_of_the_starts(monkeypatch):
     assert finer[0] is best.path
 
 
+def test_the_first_plans_of_a_large_team_bring_together_what_each_vehicle_expects():
+    # Of eight vehicles that each took the best plan beside seven lawnmowers, several would take the same way.
+    area = {"polygon_m": [-50.0, -50.0, 550.0, -50.0, 550.0, 650.0, -50.0, 650.0]}
+    team = [_planner(k, 8, 25, area=area) for k in range(1, 9)]
+    first = [_travel(planner, 1)[0] for planner in team]
+    promised = first[0].bound.lower_bound
+    for mate, decision in enumerate(first[1:], start=2):
+        team[0].receive_plan(1.0, mate, decision.plan)
+    context, situation = team[0]._context, Situation(planner=team[0].planner, now_s=1.0, step=0, state=np.zeros(3))
+    path = team[0].rollout.follow(first[0].plan)
+    together = context.map_reward(situation).value(context.map_locations(path)).expected_end
+    assert together > promised
+
+
 def test_tour_without_new_data_is_kept():
     decisions = _travel(_planner(method="fixed_tour"), STEPS, _growing())
     assert all(d.plan == decisions[0].plan for d in decisions)
