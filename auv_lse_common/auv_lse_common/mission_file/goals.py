@@ -13,9 +13,12 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionCo
 
 #: Most legs of a vehicle that the method `line` plans; it cannot plan in stages.
 MAX_LINE_LEGS = 200
-#: Least coverage at which a longer mission with the goal `line` flies `tour`, which then finds as much by its end
-#: (docs/evidence/planner.md).
+#: Least coverage at which a longer mission, or a large team, with the goal `line` flies `tour`, which then finds as much
+#: by its end or more (docs/evidence/planner.md).
 TOUR_COVERAGE = 0.8
+#: A team is large for its mission with fewer legs than this for each vehicle. All vehicles have heard the plans of all
+#: after one cycle of slots, about .6 legs for each vehicle.
+FEW_LEGS = 7
 
 
 def coverage(area_m2: float, mission: MissionConfig, motion: MotionConfig, gp: GpConfig) -> float:
@@ -24,6 +27,11 @@ def coverage(area_m2: float, mission: MissionConfig, motion: MotionConfig, gp: G
     Within half a length scale, depths correlate with the soundings by 0.8 or more (Matern 5/2: 0.83).
     """
     return mission.vehicles * mission.steps * motion.leg_length_m * gp.length_scale_m / area_m2
+
+
+def is_large_team(mission: MissionConfig) -> bool:
+    """Whether a team has too few legs to correct first plans that overlap."""
+    return mission.vehicles > 1 and mission.steps < FEW_LEGS * mission.vehicles
 
 
 def with_method(parameters: Mapping[str, Any], team: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -55,4 +63,4 @@ def _method(parameters: Mapping[str, Any]) -> str:
     except ParameterError:
         return "tour"
     covered = coverage(area_m2, mission, motion, gp) >= TOUR_COVERAGE
-    return "tour" if covered and mission.steps > MAX_LINE_LEGS else "line"
+    return "tour" if covered and (mission.steps > MAX_LINE_LEGS or is_large_team(mission)) else "line"

@@ -45,6 +45,9 @@ def test_size_of_an_area_without_its_no_go_areas() -> None:
         ({"mission.goal": "line", "planner.method": "plain"}, "plain"),
         ({"mission.goal": "line", "auv2.planner.own_share": 2.0, "auv2.gp.length_scale_m": 20.0}, "line"),
         ({"mission.goal": "line", "mission.steps": 201}, "tour"),  # more legs than `line` plans; coverage 2.87
+        ({"mission.goal": "line", "mission.vehicles": 8, "mission.steps": 25}, "tour"),  # a large team; coverage .95
+        ({"mission.goal": "line", "mission.vehicles": 5, "mission.steps": 16}, "line"),  # a large team; coverage .38
+        ({"mission.goal": "line", "mission.vehicles": 8, "mission.steps": 56}, "line"),  # 7 legs for each vehicle
     ],
 )
 def test_the_method_follows_from_goal_team_and_area(values: dict[str, object], method: str) -> None:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.goals import is_large_team
 from auv_lse_common.mission_file.methods import MAP_LOCATIONS_PER_LEG
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
@@ -49,9 +50,6 @@ START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
 #: Share by which a team's tour may be behind the best naive path and still get more iterations.
 FAR_BEHIND = 0.003
-#: A team that has fewer legs than this for each vehicle starts with its lanes. All have heard the plans of all after
-#: one cycle of slots, about .6 legs for each vehicle.
-FEW_LEGS = 7
 #: Iterations of optimizing each route of a single vehicle.
 ROUTE_ITERATIONS = 10
 #: Rounds of bending the starts for the mission's end, which keep one of this many starts each; iterations of each bend;
@@ -171,7 +169,7 @@ class TourCandidates:
             last: The last path; None at the start.
         """
         s, reward = problem.situation, problem.reward
-        if last is None and self._keeps_lanes:
+        if last is None and is_large_team(self._context.settings.mission):
             return self._along_lanes(problem)
         naive = self._naive(problem)
         result = Candidates(naive, self._floor(problem, naive), 0, s.out_of_time)
@@ -185,11 +183,6 @@ class TourCandidates:
             self._bend_alone(problem, result)
         self._bend_first(problem, result)
         return result
-
-    @property
-    def _keeps_lanes(self) -> bool:
-        """Whether a large team has too few legs to correct first plans that overlap."""
-        return self._vehicles > 1 and self._context.settings.mission.steps < FEW_LEGS * self._vehicles
 
     def _along_lanes(self, problem: TourProblem) -> Candidates:
         """This vehicle's fitted lanes, which its mates expect of it, and the lanes bent."""
