@@ -13,8 +13,8 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionCo
 
 #: Most legs of a vehicle that the method `line` plans; it cannot plan in stages.
 MAX_LINE_LEGS = 200
-#: Least coverage at which a longer mission, or a large team, with the goal `line` flies `tour`, which then finds as much
-#: by its end or more (docs/evidence/planner.md).
+#: Least coverage at which a longer mission, or a large team, with the goal `line` flies `tour`, which then finds as
+#: much by its end or more (docs/evidence/planner.md).
 TOUR_COVERAGE = 0.8
 #: A team is large for its mission with fewer legs than this for each vehicle. All vehicles have heard the plans of all
 #: after one cycle of slots, about .6 legs for each vehicle.
