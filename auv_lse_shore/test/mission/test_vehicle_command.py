@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shlex
 import subprocess
 import sys
 import time
@@ -57,7 +58,7 @@ def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> Non
         for process in started:
             process.kill()
     assert [process.returncode for process in started] == [0, 0, 0], outputs
-    assert f"auv_lse vehicle auv2 {folder / 'mission.yaml'}" in outputs[0]
+    assert f"auv_lse vehicle auv2 {shlex.quote(str(folder / 'mission.yaml'))}" in outputs[0]
     assert "auv2: the simulated mission has finished" in outputs[1]
     by_hand = read_run(folder)
     settings = Settings.load(folder / "mission.yaml")
