@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
@@ -111,8 +112,7 @@ def run(options: argparse.Namespace) -> int:
             if options.quick:
                 left = duration(QUICK_TOTAL_S)
             else:
-                print("estimating the time", flush=True)
-                left = duration(estimate_s(study, folder, client, threads))
+                left = duration(estimate_s(study, folder, client, threads, partial(print, flush=True)))
             print(f"about {left} on {threads} cores. Ctrl-C stops; the same command continues", flush=True)
             if options.estimate:
                 return 0

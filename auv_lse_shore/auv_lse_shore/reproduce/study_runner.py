@@ -15,10 +15,13 @@ from auv_lse_shore.campaign.runner import CampaignState, locked, run_campaign
 from auv_lse_shore.reproduce.study import Study
 
 
-def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
+def estimate_s(study: Study, folder: Path, client: Any, threads: int, say: Callable[[str], object]) -> float:
     """Time (s) that the missions without a row will take.
 
     A setting with rows takes their mean time. For the others a tenth of a mission is simulated, and counts tenfold.
+
+    Args:
+        say: Takes a line for the user before the trial missions, and one after each of them.
     """
     from distributed import as_completed
 
@@ -44,7 +47,10 @@ def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
                 probe["/**"]["mission"]["steps"] = short
                 probes[kind] = client.submit(_probe_s, probe, common["mission"]["steps"] / short, pure=False)
     kinds = {future.key: kind for kind, future in probes.items()}
-    for future in as_completed(probes.values()):  # interrupted, `gather` logs a traceback
+    if probes:
+        say(f"estimating the time by {len(probes)} short missions")
+    for done, future in enumerate(as_completed(probes.values()), 1):  # interrupted, `gather` logs a traceback
+        say(f"  {done} of {len(probes)}")
         total += left[kinds[future.key]] * future.result()
     return total / threads
 

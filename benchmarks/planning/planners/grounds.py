@@ -81,9 +81,11 @@ def read(
     """
     listed = _listed(manifest)
     wanted = [entry for entry in listed if role is None or entry.get("role") == role]
-    unknown = sorted(set(only) - {str(entry.get("name")) for entry in wanted})
+    names = [str(entry.get("name")) for entry in wanted]
+    unknown = sorted(set(only) - set(names))
     if unknown:
-        raise ValueError(f"{manifest} has no {f'{role} ' if role else ''}ground {', '.join(unknown)}.")
+        kind = f"{role} ground" if role else "ground"
+        raise ValueError(f"{manifest} has no {kind} {', '.join(unknown)}; it has {', '.join(names) or 'none'}.")
     found = []
     for entry in wanted:
         if only and str(entry.get("name")) not in only:
