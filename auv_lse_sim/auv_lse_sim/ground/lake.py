@@ -165,9 +165,11 @@ class SyntheticLake:
                 self.attempt = attempt
                 self._spline = self._tabulated()
                 return
+        c = self.config
         raise ValueError(
-            f"lake: 200 draws of seed {self.seed} gave no lake with islands={self.config.islands}; leave more "
-            "room for a closed contour (fewer inlets, a larger window)"
+            f"sim.lake.islands {c.islands}: none of 200 lakes of seed {self.seed} has a closed shoal within "
+            f"{c.height_m:g} m x {c.width_m:g} m. Make sim.lake.height_m and sim.lake.width_m larger or "
+            "sim.lake.inlets fewer, or set sim.lake.islands to 0."
         )
 
     def _good(self, depth: Array) -> bool:

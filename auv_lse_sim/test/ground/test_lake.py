@@ -120,7 +120,9 @@ def test_bad_lakes_are_refused(values, match):
 
 
 def test_impossible_lake_is_an_error():
-    with pytest.raises(ValueError, match=r"200 draws of seed .* gave no lake with islands=1"):
+    with pytest.raises(
+        ValueError, match=r"islands 1: none of 200 lakes .* within 2000 m x 100 m\. .* sim\.lake\.inlets"
+    ):
         SyntheticLake(LakeConfig(islands=1, height_m=2000.0, width_m=100.0), mission_seed=1)
 
 
