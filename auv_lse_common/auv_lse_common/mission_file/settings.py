@@ -103,6 +103,7 @@ class Settings(TeamSections):
         team: dict[str, Any] = {name: section(kind, for_all, name, where) for name, kind in TEAM_SECTIONS.items()}
         has_autopilot = any(own.link.kind == "mavlink" for own in vehicles)
         team["motion"] = team["motion"].with_straight_legs(has_autopilot)  # the same for all: they rebuild plans
+        team["sim"] = team["sim"].in_area(team["area"].polygon_m)
         team["finds_method"] = finds_method(mission.goal, given)
         return cls(where=where, common=_vehicle_sections(for_all, where), vehicles=tuple(vehicles), **team)
 

@@ -24,6 +24,17 @@ class Extent:
         if not (self.north_min_m < self.north_max_m and self.east_min_m < self.east_max_m):
             raise ValueError(f"extent: {self} is empty; min must be below max in north and in east")
 
+    @classmethod
+    def around(cls, center: tuple[float, float], height_m: float, width_m: float) -> Extent:
+        """The rectangle with a center (north, east) and sides (m)."""
+        north, east = center
+        return cls(
+            north_min_m=north - height_m / 2.0,
+            north_max_m=north + height_m / 2.0,
+            east_min_m=east - width_m / 2.0,
+            east_max_m=east + width_m / 2.0,
+        )
+
     @property
     def height_m(self) -> float:
         """Length from south to north (m)."""

@@ -208,3 +208,30 @@ def test_vehicle_with_ideal_navigation_does_not_surface(ideal):
     assert settings.with_overrides({ideal: False}).planner_settings(1).vehicle.surfacings is None
     asked = settings.with_overrides({"vehicle.surfacings": 2})
     assert asked.planner_settings(1).vehicle.surfacings == 2
+
+
+@pytest.mark.parametrize(
+    ("corners_m", "center", "sides"),
+    [
+        ((0.0, 0.0, 200.0, 0.0, 200.0, 200.0), (250.0, 300.0), (600.0, 700.0)),  # within the default lake
+        ((-500.0, 0.0, 700.0, 0.0, 700.0, 900.0), (100.0, 450.0), (1200.0, 900.0)),
+        ((-100.0, -50.0, 100.0, -50.0, 100.0, 2950.0), (0.0, 1450.0), (600.0, 3000.0)),  # a river
+        ((0.0, 0.0, 40000.0, 0.0, 40000.0, 900.0), (20000.0, 450.0), (5000.0, 900.0)),
+    ],
+)
+def test_synthetic_lake_is_as_large_as_the_area(corners_m, center, sides):
+    settings = Settings.load(None, {"area.polygon_m": corners_m})
+    window = settings.sim.lake.window
+    assert (window.center, window.height_m, window.width_m) == (center, *sides)
+    clipped = settings.with_overrides({"area.polygon_m": (0.0, 0.0, 50.0, 0.0, 50.0, 50.0)})
+    assert clipped.sim.lake.window == window  # a smaller area of the same mission is in the same lake
+
+
+def test_given_sides_of_a_synthetic_lake_stay():
+    given = {
+        "area.polygon_m": (0.0, 0.0, 900.0, 0.0, 900.0, 900.0),
+        "sim.lake.north_m": 33.3,
+        "sim.lake.width_m": 333.3,
+    }
+    lake = Settings.load(None, given).sim.lake
+    assert (lake.north_m, lake.east_m, lake.height_m, lake.width_m) == (33.3, 450.0, 900.0, 333.3)

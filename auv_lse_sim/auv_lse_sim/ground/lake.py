@@ -32,7 +32,7 @@ class _Valley:
 
 
 def _draw(config: LakeConfig, rng: np.random.Generator) -> _Valley:
-    scale = math.hypot(config.height_m, config.width_m) / 2.0
+    scale = math.hypot(config.window.height_m, config.window.width_m) / 2.0
     direction = rng.uniform(0.0, math.pi)
     bend = np.stack(
         [rng.uniform([0.10, 0.04], [0.25, 0.12]), rng.uniform([2.0, 4.5], [3.5, 7.0]), rng.uniform(0, 2 * np.pi, 2)],
@@ -149,7 +149,7 @@ class SyntheticLake:
         self.config = config or LakeConfig()
         self.seed = mission_seed if self.config.seed < 0 else self.config.seed
         self._window = self.config.window
-        self._half_m = math.hypot(self.config.height_m, self.config.width_m) / 2.0
+        self._half_m = math.hypot(self._window.height_m, self._window.width_m) / 2.0
         span = self.config.deepest_m - self.config.terrace_m
         share = (self.config.level_m - self.config.terrace_m) / span
         self._level_logit = math.log(share / (1.0 - share))
@@ -165,10 +165,10 @@ class SyntheticLake:
                 self.attempt = attempt
                 self._spline = self._tabulated()
                 return
-        c = self.config
+        w = self._window
         raise ValueError(
-            f"sim.lake.islands {c.islands}: none of 200 lakes of seed {self.seed} has a closed shoal within "
-            f"{c.height_m:g} m x {c.width_m:g} m. Make sim.lake.height_m and sim.lake.width_m larger or "
+            f"sim.lake.islands {self.config.islands}: none of 200 lakes of seed {self.seed} has a closed shoal within "
+            f"{w.height_m:.0f} m x {w.width_m:.0f} m. Make sim.lake.height_m and sim.lake.width_m larger or "
             "sim.lake.inlets fewer, or set sim.lake.islands to 0."
         )
 
@@ -180,7 +180,8 @@ class SyntheticLake:
         return self.config.islands == 0 or _closed_shoals(shallow, cell, 800.0) >= 1
 
     def _unit(self, north_m: Array, east_m: Array) -> tuple[Array, Array]:
-        return (north_m - self.config.north_m) / self._half_m, (east_m - self.config.east_m) / self._half_m
+        north, east = self._window.center
+        return (north_m - north) / self._half_m, (east_m - east) / self._half_m
 
     @property
     def extent(self) -> Extent:
@@ -205,7 +206,7 @@ class SyntheticLake:
         e = self.extent
         inside = (north >= e.north_min_m) & (north <= e.north_max_m) & (east >= e.east_min_m) & (east <= e.east_max_m)
         water = self._spline.ev(
-            np.where(inside, north, self.config.north_m), np.where(inside, east, self.config.east_m)
+            np.where(inside, north, self._window.center[0]), np.where(inside, east, self._window.center[1])
         )
         return np.where(inside & (water > 0.0), water, np.nan)
 
@@ -232,5 +233,5 @@ class SyntheticLake:
         return (
             f"synthetic lake {self.seed} (drowned valley, {self.config.inlets} inlets, {self.config.islands} knolls), "
             f"{self.config.terrace_m:g} to {self.config.deepest_m:g} m deep in "
-            f"{w.height_m:g} m x {w.width_m:g} m (north x east), banks rising to land around it"
+            f"{w.height_m:.0f} m x {w.width_m:.0f} m (north x east), banks rising to land around it"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from auv_lse_common.mission_file.parameters import parameter
 from auv_lse_common.mission_file.sections.world import (
@@ -70,6 +70,10 @@ class SimConfig:
     gps: GpsConfig = field(default_factory=GpsConfig)
     ranging: RangingConfig = field(default_factory=RangingConfig)
     channel: ChannelConfig = field(default_factory=ChannelConfig)
+
+    def in_area(self, polygon_m: tuple[float, ...]) -> SimConfig:
+        """The simulator with a lake that fits an area (north, east, north, east, ... of its corners)."""
+        return replace(self, lake=self.lake.in_area(polygon_m[::2], polygon_m[1::2]))
 
     def __post_init__(self) -> None:
         """Rejects separate vehicles in lockstep.

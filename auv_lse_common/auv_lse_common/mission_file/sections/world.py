@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.parameters import parameter
@@ -249,6 +250,11 @@ class BathymetryConfig:
     )
 
 
+#: Window of a lake in the default area, and the largest side (m) of one that follows from an area.
+DEFAULT_WINDOW = Extent(north_min_m=-50.0, north_max_m=550.0, east_min_m=-50.0, east_max_m=650.0)
+LARGEST_M = 5000.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LakeConfig:
     """Synthetic lakes: a drowned river valley with side valleys (inlets), knolls (islands) and roughness."""
@@ -270,10 +276,14 @@ class LakeConfig:
     steepness: float = parameter(1.0, above=0.0, high=10.0, help="slopes relative to the default lake's")
     roughness_m: float = parameter(0.7, low=0.0, high=5.0, unit="m", help="standard deviation of the small relief")
     roughness_scale_m: float = parameter(60.0, low=5.0, unit="m", help="length scale of the small relief")
-    north_m: float = parameter(250.0, unit="m", help="north of the window's center")
-    east_m: float = parameter(300.0, unit="m", help="east of the window's center")
-    height_m: float = parameter(600.0, low=100.0, unit="m", help="length of the window from south to north")
-    width_m: float = parameter(700.0, low=100.0, unit="m", help="length of the window from west to east")
+    north_m: float | None = parameter(None, unit="m", help="north of the window's center; by default the area's")
+    east_m: float | None = parameter(None, unit="m", help="east of the window's center; by default the area's")
+    height_m: float | None = parameter(
+        None, low=100.0, unit="m", help="length of the window from south to north; by default the area's, 600 to 5000 m"
+    )
+    width_m: float | None = parameter(
+        None, low=100.0, unit="m", help="length of the window from west to east; by default the area's, 700 to 5000 m"
+    )
     shore_m: float = parameter(150.0, low=20.0, unit="m", help="width of the banks around the window, up to land")
 
     def __post_init__(self) -> None:
@@ -289,15 +299,36 @@ class LakeConfig:
                 f"({self.deep_share_high:g})"
             )
 
+    def in_area(self, north_m: Sequence[float], east_m: Sequence[float]) -> LakeConfig:
+        """The lake with the window of an area where none is given: its rectangle, but neither too small for a lake nor
+        so large that the lake takes minutes. An area within the default window leaves that as it is.
+
+        Args:
+            north_m: North of the area's corners.
+            east_m: East of the area's corners.
+        """
+        w = DEFAULT_WINDOW
+        north, south, east, west = max(north_m), min(north_m), max(east_m), min(east_m)
+        if south < w.north_min_m or north > w.north_max_m or west < w.east_min_m or east > w.east_max_m:
+            w = Extent.around(
+                ((north + south) / 2.0, (east + west) / 2.0),
+                min(max(north - south, w.height_m), LARGEST_M),
+                min(max(east - west, w.width_m), LARGEST_M),
+            )
+        north, east, height, width = self._window_or(w)
+        return dataclasses.replace(self, north_m=north, east_m=east, height_m=height, width_m=width)
+
+    def _window_or(self, default: Extent) -> tuple[float, ...]:
+        """Center and sides of the window, where they are not given those of `default`."""
+        given = self.north_m, self.east_m, self.height_m, self.width_m
+        others = *default.center, default.height_m, default.width_m
+        return tuple(other if value is None else value for value, other in zip(given, others, strict=True))
+
     @property
     def window(self) -> Extent:
         """The rectangle that the lake is designed for."""
-        return Extent(
-            north_min_m=self.north_m - self.height_m / 2.0,
-            north_max_m=self.north_m + self.height_m / 2.0,
-            east_min_m=self.east_m - self.width_m / 2.0,
-            east_max_m=self.east_m + self.width_m / 2.0,
-        )
+        north, east, height, width = self._window_or(DEFAULT_WINDOW)
+        return Extent.around((north, east), height, width)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
