@@ -276,13 +276,13 @@ class LakeConfig:
     steepness: float = parameter(1.0, above=0.0, high=10.0, help="slopes relative to the default lake's")
     roughness_m: float = parameter(0.7, low=0.0, high=5.0, unit="m", help="standard deviation of the small relief")
     roughness_scale_m: float = parameter(60.0, low=5.0, unit="m", help="length scale of the small relief")
-    north_m: float | None = parameter(None, unit="m", help="north of the window's center; by default the area's")
-    east_m: float | None = parameter(None, unit="m", help="east of the window's center; by default the area's")
+    north_m: float | None = parameter(None, unit="m", help="north of the window's center; default: the area's")
+    east_m: float | None = parameter(None, unit="m", help="east of the window's center; default: the area's")
     height_m: float | None = parameter(
-        None, low=100.0, unit="m", help="length of the window from south to north; by default the area's, 600 to 5000 m"
+        None, low=100.0, unit="m", help="the window's length to the north; default: the area's, 600 to 5000 m"
     )
     width_m: float | None = parameter(
-        None, low=100.0, unit="m", help="length of the window from west to east; by default the area's, 700 to 5000 m"
+        None, low=100.0, unit="m", help="the window's length to the east; default: the area's, 700 to 5000 m"
     )
     shore_m: float = parameter(150.0, low=20.0, unit="m", help="width of the banks around the window, up to land")
 
