@@ -239,13 +239,13 @@ class SafetyWatch:
         """Checks every limit.
 
         Args:
-            run: The vehicle's mission: takes the tripped limits, and whether the autopilot is ready.
+            run: The vehicle's mission: takes the tripped limits, and whether autopilot and position are ready.
         """
         passed_s = self._pass_time(now_s)
         if self._autopilot is not None:
-            run.set_ready(self._autopilot.problem, self._autopilot.depth_problem)
+            run.set_ready(self._autopilot.problem, self._autopilot.depth_problem or self._position_problem)
         else:
-            run.set_ready("")
+            run.set_ready("", self._position_problem)
         state = run.status.state
         if state is RunState.RUNNING:
             self._ran_s += passed_s
@@ -300,6 +300,16 @@ class SafetyWatch:
             known = math.isfinite(self._autopilot.battery) or math.isinf(self._charge_s)
             self._charge_s = now_s if known else self._charge_s
         return passed_s
+
+    @property
+    def _position_problem(self) -> str:
+        """Reason why the mission cannot begin where the vehicle is; "" if its position is known. No changing number."""
+        age_s = self._config.odometry_age_s
+        if self._position is None:
+            return "no position has arrived yet"
+        if self._stamps_behind_s > age_s:
+            return f"positions arrive with stamps more than {age_s:g} s old; check the clock of their sender"
+        return f"no position for more than {age_s:g} s" if self._now_s - self._odometry_s > age_s else ""
 
     @property
     def _link_lost(self) -> bool:

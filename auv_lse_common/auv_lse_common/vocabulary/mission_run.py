@@ -5,8 +5,9 @@ ready (armed, in a mode in which it follows targets). `TRANSITIONS` lists the ne
 tripped limit acts like the command HOLD, SURFACE or ABORT, and is latched: GO is refused until RESET.
 
 In state RUNNING, while the autopilot is not ready, the status is WAITING if the vehicle has not moved yet, else
-HOLDING; the mission continues by itself when the autopilot is ready again. Commands can only strengthen the response
-to a tripped limit: HOLD does not replace SURFACE.
+HOLDING; the mission continues by itself when the autopilot is ready again. It also waits for the first position and a
+trusted depth; once the vehicle has moved, the limits watch both. Commands can only strengthen the response to a tripped
+limit: HOLD does not replace SURFACE.
 
 After a reboot of the vehicle's computer (`pause`, then `after_reboot`) a mission that ran holds until the vehicle's
 depth is known. Under water it then resumes or surfaces. At the surface it waits for GO, which can reach it there.
@@ -177,7 +178,7 @@ class MissionRun:
         """Sets up the mission.
 
         Args:
-            at_once: Whether it starts without a GO, as soon as the autopilot is ready.
+            at_once: Whether it starts without a GO, as soon as autopilot and position are ready.
             on_abort: The vehicle's action after an abort.
             at_end: Its action after the last leg.
         """

@@ -428,6 +428,55 @@ def test_the_mission_waits_for_an_autopilot_that_is_heard_armed_and_in_its_mode(
     assert vehicle.wait(1.0).run.status.state is RunState.RUNNING
 
 
+def comes_and_goes(vehicle: Vehicle) -> None:
+    vehicle.position, vehicle.blind = (50.0, 50.0, 0.2), False
+    vehicle.wait(5.0)
+    vehicle.blind = True
+    vehicle.wait(31.0)
+
+
+def stale(vehicle: Vehicle) -> None:
+    vehicle.position = (50.0, 50.0, 0.2)
+    vehicle.blind, vehicle.late_s = False, 200.0
+    vehicle.wait(1.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        (lambda vehicle: vehicle.wait(5.0), "no position has arrived yet"),
+        (lambda vehicle: vehicle.wait(120.0), "no position has arrived yet"),
+        (comes_and_goes, "no position for more than 30 s"),
+        (stale, "positions arrive with stamps more than 30 s old; check the clock of their sender"),
+    ],
+)
+@pytest.mark.parametrize("has_autopilot", [False, True])
+def test_a_mission_that_is_given_go_without_a_position_waits_for_one(before, words, has_autopilot) -> None:  # type: ignore[no-untyped-def]  # a table of functions
+    vehicle = Vehicle(has_autopilot, at_once=False)
+    if has_autopilot:
+        vehicle.watch.autopilot(OK)
+    vehicle.blind = True
+    before(vehicle)
+    for _ in range(2):  # a second GO changes nothing
+        assert vehicle.run.command(Command.GO, "test") == ""
+        for _ in range(3):
+            assert (vehicle.run.status.state, vehicle.run.status.reason) == (RunState.WAITING, words)
+            assert vehicle.wait(40.0).run.limits == {}, "before its first leg it waits, and does not surface"
+    vehicle.position, vehicle.blind, vehicle.late_s = (50.0, 50.0, 0.2), False, 0.0
+    assert vehicle.wait(0.2).run.status.state is RunState.RUNNING, "it starts by itself"
+    vehicle.blind = True
+    assert set(vehicle.wait(40.0).run.limits) == {"odometry"}, "once it has begun, the limit counts"
+
+
+def test_a_mission_that_continues_does_not_wait_for_a_position_but_is_watched() -> None:
+    begun = Vehicle().wait(5.0).run.snapshot()
+    vehicle = Vehicle(at_once=False)
+    vehicle.run.restore(begun)
+    vehicle.blind = True
+    assert vehicle.wait(5.0).run.status.state is RunState.RUNNING
+    assert set(vehicle.wait(40.0).run.limits) == {"odometry"}
+
+
 def test_the_fence_by_hand() -> None:
     fence = Fence((*SQUARE, 0.0, 0.0), 10.0)  # the first corner once more
     assert fence.outside_m(50.0, 50.0) == 0.0
