@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
 from auv_lse_common.mission_file.sections.positions import PositionsConfig, in_force
 from auv_lse_common.mission_file.sections.table import (
+    SECTIONS,
     TEAM_SECTIONS,
     VEHICLE_SECTIONS,
     TeamSections,
@@ -251,6 +252,20 @@ def check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles:
                     f"(vehicles may differ in {', '.join(VEHICLE_SECTIONS)})"
                 )
     return number
+
+
+def check_vehicle(patterns: Mapping[str, Mapping[str, Any]], where: str, number: int, nodes: Iterable[str]) -> None:
+    """Rejects parameters that a node of vehicle `number` would refuse, also those for one node ("/auv2/gp_node").
+
+    Raises:
+        ParameterError: naming the key, the value, what was expected and `where`.
+    """
+    where = f"{where} (auv{number})"
+    for node in ("settings", *nodes):
+        own = parameters_for(patterns, f"/auv{number}/{node}")
+        for name, kind in SECTIONS.items():
+            section(kind, with_depth(with_method(own), number), name, where)
+        PlannerSettings.from_parameters(own, where, number)
 
 
 def beyond_team(pattern: str, vehicles: int, where: str) -> str:

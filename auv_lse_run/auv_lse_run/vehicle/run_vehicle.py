@@ -23,7 +23,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, merge, sectio
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.mission_file.settings import beyond_team, check_pattern
+from auv_lse_common.mission_file.settings import beyond_team, check_pattern, check_vehicle
 from auv_lse_common.node.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
 from auv_lse_common.support.installed_copy import COPY_VARIABLE, note_software, own_copy
 from auv_lse_common.support.project_folder import project_folder
@@ -128,6 +128,7 @@ def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record:
     simulated = simulated or "sim" in own
     lockstep = simulated and bool(sim.get("lockstep", True))
     nodes = vehicle_nodes(modem.get("kind") == "micromodem", link.get("kind") == "mavlink")
+    check_vehicle(patterns, str(file), vehicle, [executable for _, executable in nodes])
     if record is None:
         record = bool(recorder.get("folder")) and not simulated
     if lockstep and not sim.get("lockstep", False):

@@ -170,6 +170,42 @@ def test_a_vehicles_parameters_that_reach_none_of_its_nodes_are_refused(
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("pattern", "sections", "words"),
+    [
+        (
+            "/auv2/**",
+            {"gp": {"length_scale": 20.0}},
+            "gp.length_scale: unknown parameter (value 20.0); did you mean 'length_scale_m'?",
+        ),
+        ("/auv2/**", {"vehicle": {"speed_mps": "fast"}}, "vehicle.speed_mps"),
+        ("/auv2/**", {"safety": {"depth_response": "dive"}}, "safety.depth_response"),
+        ("/auv2/gp_node", {"gp": {"length_scale": 20.0}}, "gp.length_scale: unknown parameter"),
+        ("/**", {"record": {"folders": "bag"}}, "record.folders: unknown parameter"),
+        ("/**", {"mission": {"vehicles": 3, "steps": 5000}}, "mission.steps"),
+    ],
+)
+def test_a_parameter_that_a_node_would_refuse_is_refused_before_anything_is_made(
+    pattern: str, sections: dict[str, object], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = write(tmp_path), tmp_path / "dive"
+    body = yaml.safe_load(file.read_text())
+    body.setdefault(pattern, {"ros__parameters": {}})["ros__parameters"] |= sections
+    file.write_text(yaml.safe_dump(body))
+    assert main(["auv2", str(file), "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {file}")
+    assert f": {words}" in error
+    assert not out.exists()
+
+
+def test_parameters_of_other_vehicles_and_drivers_are_not_checked(tmp_path: Path) -> None:
+    file = write(tmp_path)
+    for pattern in ("/auv3/**", "/auv2/sounder_node"):
+        file.write_text(f"{file.read_text()}{pattern}: {{ros__parameters: {{gp: {{baud: 9600}}}}}}\n")
+    assert len(processes(file).nodes) == 6
+
+
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write(tmp_path)
     for out in (file, file / "dive"):
