@@ -8,9 +8,13 @@ from typing import Any
 
 import yaml
 
+from auv_lse_common.mission_file.parameter_file import parse_parameters
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import write_whole
+from auv_lse_shore.check.findings import Findings
+from auv_lse_shore.check.geometry import check_geometry
+from auv_lse_shore.check.timing import check_timing
 
 #: Recording folder of a vehicle, relative to its working directory.
 RECORDING = "bag"
@@ -75,12 +79,21 @@ def write_vehicle_file(settings: Settings, path: Path, chosen: Collection[str] =
     """Writes the mission file for the vehicles; `chosen` as for `vehicle_file`.
 
     Raises:
-        ParameterError: if the mission does not suit vehicles, or the file exists or cannot be written.
+        ParameterError: if the mission does not suit vehicles or has errors, or the file exists or cannot be written.
     """
     text = vehicle_file(settings, chosen)
     try:
         if path.exists():
             raise ParameterError(f"--for-vehicles {path} exists already, and was left as it is. Choose a new file")
+        if errors := _errors(text, str(path)):
+            raise ParameterError(f"--for-vehicles {path} is not written, because {'; '.join(errors)}")
         write_whole(path, text)
     except OSError as error:
         raise ParameterError(f"--for-vehicles {path}: cannot be written: {error.strerror or error}") from error
+
+
+def _errors(text: str, where: str) -> list[str]:
+    """The errors that `auv_lse check` reports about a mission file with this text."""
+    findings = Findings()
+    check_timing(check_geometry(Settings.from_patterns(parse_parameters(text, where), where), findings), findings)
+    return [text.removeprefix(f"{where}: ") for level, text in findings.rows if level == "error"]

@@ -151,6 +151,19 @@ def test_hardware_chosen_by_the_user_stays_in_the_vehicles_file(tmp_path: Path) 
     assert Settings.load(out).common.link.kind == "mavlink"
 
 
+def test_a_vehicles_file_with_errors_is_not_written(tmp_path: Path, capsys) -> None:
+    words = [str(run_file(tmp_path)), "--for-vehicles", str(tmp_path / "vehicles.yaml"), *PORT]
+    words += ["--set", "auv2.vehicle.start_north_m=-300", "--set", "vehicle.at_end=go_to"]
+    words += ["--set", "vehicle.recovery_north_m=50", "--set", "vehicle.recovery_east_m=50"]
+    words += ["--set", "auv3.vehicle.recovery_north_m=9000"]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert f"--for-vehicles {tmp_path / 'vehicles.yaml'} is not written, because" in said
+    assert "auv2: vehicle.start_north_m, start_east_m = -300" in said
+    assert "(auv3): vehicle.recovery_north_m, recovery_east_m = 9000" in said, "all errors at once"
+    assert {p.name for p in tmp_path.iterdir()} == {"mission.yaml"}
+
+
 def test_the_vehicles_file_comes_without_warnings_about_the_simulator(tmp_path: Path, capsys) -> None:
     axis = np.arange(0.0, 400.0, 10.0)
     np.savez(tmp_path / "deep.npz", north_m=axis, east_m=axis, depth_m=np.full((40, 40), 80.0) + 0.1 * axis)
