@@ -146,11 +146,17 @@ def _copied(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _under(patterns: Patterns, content: AreaContent, origin: tuple[float, float]) -> Patterns:
-    """The patterns, below them the starts and recovery positions of a file."""
+    """The patterns, below them the starts and recovery positions of a file; those that do not apply are noted."""
     below: Patterns = {}
     for name, found in (("recovery", content.recoveries), ("start", content.starts)):
         for number, position in sorted(found.items()):
             pattern = f"/auv{number}/**" if number else "/**"
+            given = patterns.get(pattern, {}).get("vehicle", {})
+            if isinstance(given, dict) and f"{name}_north_m" in given:
+                whose = f"auv{number}" if number else "all vehicles"
+                content.notes.append(f"the {name} of {whose} is that of the mission file ({pattern})")
+                del found[number]
+                continue
             below.setdefault(pattern, {}).setdefault("vehicle", {}).update(_metres(name, position, origin))
     for pattern, values in below.items():
         given = patterns.get(pattern, {}).get("vehicle", {})

@@ -8,6 +8,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.degrees import AreaContent
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.input_bounds import over_size
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature
 from auv_lse_shore.areas.gdal_layers import gdal_features, zipped_features
@@ -43,9 +44,9 @@ class AreaFiles:
         self.read.append((path, content))
         return content
 
-    def notes(self) -> list[str]:
-        """Sentences about the file that was read last; none if there is none."""
-        return [text for path, content in self.read[-1:] for text in notes_on(path, content)]
+    def notes(self, vehicles: int) -> list[str]:
+        """Sentences about the file that was read last, for a mission of so many vehicles; none if there is none."""
+        return [text for path, content in self.read[-1:] for text in notes_on(path, content, vehicles)]
 
 
 def read_area(path: str | Path) -> AreaContent:
@@ -109,16 +110,20 @@ def _text(data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def notes_on(path: Path, content: AreaContent) -> list[str]:
-    """Sentences about what was used and ignored of a file."""
+def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
+    """Sentences about what a mission of so many vehicles uses and ignores of a file."""
     used = [f"the area {content.area_name!r}" if content.area_name else "the area"] if content.area is not None else []
     used += [f"no-go area {name}" for name in content.no_go]
     used += ["the shore"] if content.shores else []
-    used += [f"start of auv{number}" for number in sorted(content.starts)]
-    used += [
-        f"recovery position of {f'auv{number}' if number else 'all vehicles'}" for number in sorted(content.recoveries)
+    own = [(number, f"start of auv{number}") for number in sorted(content.starts)]
+    own += [
+        (number, f"recovery position of {f'auv{number}' if number else 'all vehicles'}")
+        for number in sorted(content.recoveries)
     ]
+    used += [text for number, text in own if number <= vehicles]
     notes = [f"{path.name}: used {', '.join(used)}", *(f"{path.name}: {note}" for note in content.notes)]
+    if beyond := [text for number, text in own if number > vehicles]:
+        notes.append(f"{path.name}: ignored {', '.join(beyond)}, because the mission has {counted(vehicles, 'vehicle')}")
     if content.ignored:
         names = [repr(name) for name in content.ignored[:_MAX_LISTED]]
         more = f" and {len(content.ignored) - _MAX_LISTED} more" if len(content.ignored) > _MAX_LISTED else ""

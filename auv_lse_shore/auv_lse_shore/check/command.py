@@ -92,7 +92,8 @@ def check(
     findings = Findings()
     areas = AreaFiles()
     settings = check_file(path, findings, areas, area_file)
-    for text in areas.notes():
+    of_area = areas.notes(settings.mission.vehicles)
+    for text in of_area:
         findings.note(text)
     number = None if vehicle is None else vehicle_number(vehicle)
     check_files(settings, number, findings)
@@ -114,7 +115,7 @@ def check(
             findings,
             picture,
             f"{path.name}{'' if area_file is None else f' with {area_file.name}'}",
-            areas.notes(),
+            of_area,
         )
     return findings
 

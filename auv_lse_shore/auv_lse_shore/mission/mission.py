@@ -133,7 +133,7 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
             if not Path(file).is_file():
                 raise ParameterError(f"gp.survey_file: {file!r} does not exist on this machine")
     apart = "" if fitted.packet.tag else speeds_apart([own.vehicle.speed_mps for own in fitted.vehicles])
-    return fitted, [*areas.notes(), *notes, *([apart] if apart else [])]
+    return fitted, [*areas.notes(fitted.mission.vehicles), *notes, *([apart] if apart else [])]
 
 
 def _loaded(mission: Path, given: Mapping[str, Any], areas: AreaFiles) -> Settings:

@@ -56,6 +56,15 @@ def test_what_was_used_of_a_file_of_positions_and_what_was_not_is_reported(missi
     assert "lake.geojson: ignored 'harbor'" in notes
 
 
+def test_positions_of_a_file_that_do_not_apply_are_not_among_the_used_ones(mission: Path) -> None:
+    own = "/auv1/**: {ros__parameters: {vehicle: {start_north_m: 200.0, start_east_m: 200.0}}}\n"
+    mission.write_text(MISSION.replace("vehicles: 2", "vehicles: 1") + own)
+    notes = "\n".join(text for level, text in check(mission).rows if level == "note")
+    assert "used the area 'lake', no-go area no_go_pier, recovery position of all vehicles\n" in notes
+    assert "lake.geojson: the start of auv1 is that of the mission file (/auv1/**)" in notes
+    assert "lake.geojson: ignored start of auv2, because the mission has 1 vehicle" in notes
+
+
 def test_the_map_shows_the_positions_where_they_are(mission: Path) -> None:
     settings = Settings.load(mission, read_area=read_area)
     origin = settings.area.origin_lat_deg, settings.area.origin_lon_deg
