@@ -80,8 +80,9 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     answered, there = calls.acknowledged, vehicles(graph.nodes())
     for name in sorted({*(there if names is None else names), *calls.silent} - {*answered}):
         failed.append(name)
-        is_there = name in there or name in calls.silent
-        why = "no answer (is it busy?)" if is_there else f"not found; running: {', '.join(there) or 'no vehicle'}"
+        why = "no answer (is it busy?)" if name in there else f"not found; running: {', '.join(there) or 'no vehicle'}"
+        if name in calls.silent:
+            why = f"no answer. It may still act on {options.what.name}: see auv_lse state"
         print(f"{name}: error: {why}", file=sys.stderr)
     if not answered and not failed:
         raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")

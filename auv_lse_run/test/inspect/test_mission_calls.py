@@ -96,7 +96,7 @@ def test_a_command_without_an_answer_is_repeated_and_a_silent_vehicle_reported(
     assert printed.out.splitlines() == ["auv1: ABORTED: ABORT by me", "acknowledged by 1: auv1"]
     assert printed.err.splitlines() == [
         "..: error: not found; running: auv1, auv2",
-        "auv2: error: no answer (is it busy?)",
+        "auv2: error: no answer. It may still act on ABORT: see auv_lse state",
         "auv7: error: not found; running: auv1, auv2",
     ]
 
