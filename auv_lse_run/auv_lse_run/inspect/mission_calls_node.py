@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 
 from auv_lse_common.vocabulary.mission_run import Command
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_msgs.msg import AutopilotStatus, MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
 from auv_lse_run.inspect.graph_node import Graph
@@ -20,7 +21,7 @@ from auv_lse_run.inspect.graph_node import Graph
 #: Time (s) without an answer after which a command is sent again, and after which the vehicle counts as silent.
 _REPEAT_S, _ANSWER_S = 1.0, 5.0
 
-__all__ = ["STATE_TOPICS", "CommandCalls", "DiagnosticArray", "states", "vehicles"]
+__all__ = ["STATE_TOPICS", "CommandCalls", "DiagnosticArray", "out_of_reach", "states", "vehicles"]
 
 #: What shows a vehicle's state from afar: topic and type, by what it is called there.
 STATE_TOPICS = {
@@ -129,6 +130,13 @@ def vehicles(names: Iterable[str]) -> list[str]:
     """The vehicles ("auv2") that have a mission/run service or a safety_node among these full names."""
     found = {match[1] for name in names if (match := re.fullmatch(r"/(auv\d+)/(?:mission/run|safety_node)", name))}
     return sorted(found, key=lambda name: int(name[3:]))
+
+
+def out_of_reach(names: Iterable[str]) -> list[str]:
+    """The vehicles ("auv2") that have nodes of the stack among these full names, but none that takes commands."""
+    names, stack = list(names), {executable for _, executable in vehicle_nodes(modem=True, link=True)}
+    found = {match[1] for name in names if (match := re.fullmatch(r"/(auv\d+)/(\w+)", name)) and match[2] in stack}
+    return sorted(found - {*vehicles(names)}, key=lambda name: int(name[3:]))
 
 
 def states(graph: Graph, names: Sequence[str], seconds: float) -> dict[str, Any]:

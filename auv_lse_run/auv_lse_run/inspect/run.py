@@ -21,6 +21,8 @@ _COMMANDS = {
 }
 #: Time (s) to wait for the states of missions.
 _LISTEN_S = 1.0
+#: Why a vehicle of which other nodes run takes no command.
+_MUTE = "its safety_node, which takes commands, hangs or is not running. auv_lse vehicle restarts it in 30 s: try again"
 
 ERRORS = (DomainError,)
 
@@ -54,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
 def run_tell(options: argparse.Namespace, graph: Any) -> int:
     """`run go` and the other commands: sends to each vehicle as soon as it is found, then reports who has answered."""
     from auv_lse_run.inspect.graph_node import GraphError
-    from auv_lse_run.inspect.mission_calls_node import CommandCalls, vehicles
+    from auv_lse_run.inspect.mission_calls_node import CommandCalls, out_of_reach, vehicles
 
     names = vehicle_names(options.vehicles)
     valid = None if names is None else [name for name in names if re.fullmatch(r"auv\d+", name)]
@@ -77,10 +79,13 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     except KeyboardInterrupt:
         unsure = f"interrupted. No answer yet from {', '.join(calls.silent)}, which may act on it: see auv_lse state"
         raise KeyboardInterrupt(unsure if calls.silent else "") from None
-    answered, there = calls.acknowledged, vehicles(graph.nodes())
-    for name in sorted({*(there if names is None else names), *calls.silent} - {*answered}):
+    nodes = graph.nodes()
+    answered, there, mute = calls.acknowledged, vehicles(nodes), out_of_reach(nodes)
+    for name in sorted({*([*there, *mute] if names is None else names), *calls.silent} - {*answered}):
         failed.append(name)
         why = "no answer (is it busy?)" if name in there else f"not found; running: {', '.join(there) or 'no vehicle'}"
+        if name in mute:
+            why = _MUTE
         if name in calls.silent:
             why = f"no answer. It may still act on {options.what.name}: see auv_lse state"
         print(f"{name}: error: {why}", file=sys.stderr)
@@ -94,10 +99,13 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
 def run_state(options: argparse.Namespace, graph: Any) -> int:
     """`run state`."""
     from auv_lse_run.inspect.graph_node import GraphError
-    from auv_lse_run.inspect.mission_calls_node import states, vehicles
+    from auv_lse_run.inspect.mission_calls_node import out_of_reach, states, vehicles
 
-    there = vehicles(graph.nodes())
-    if not there:
+    nodes = graph.nodes()
+    there, mute = vehicles(nodes), out_of_reach(nodes)
+    for name in mute:
+        print(f"{name}: {_MUTE}")
+    if not there and not mute:
         raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
     heard = states(graph, there, _LISTEN_S)
     for name in there:
@@ -111,7 +119,7 @@ def run_state(options: argparse.Namespace, graph: Any) -> int:
             print(f"    tripped: {limit}")
         for warning in message.warnings:
             print(f"    warning: {warning}")
-    return int(len(heard) < len(there))
+    return int(bool(mute) or len(heard) < len(there))
 
 
 def run(options: argparse.Namespace) -> int:

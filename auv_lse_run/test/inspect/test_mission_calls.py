@@ -115,6 +115,23 @@ def test_a_vehicle_may_be_named_as_for_auv_lse_vehicle_and_in_capitals(
     assert capsys.readouterr().err == "boat: error: not found; running: auv1, auv2, auv3\n"
 
 
+def test_a_vehicle_whose_safety_node_hangs_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A stopped process is not discovered; `abort all` must not pass over its vehicle."""
+    for words in (("all",), ("auv1", "auv2")):
+        graph = _Graph(monkeypatch, {"auv1": (0.1, 0)})
+        nodes = graph.nodes
+        monkeypatch.setattr(
+            graph, "nodes", lambda hidden=False, known=nodes: [*known(), "/auv2/gp_node", "/auv3/sounder_node"]
+        )
+        assert graph.run(*words) == 1
+        printed = capsys.readouterr()
+        assert "acknowledged by 1: auv1" in printed.out
+        assert printed.err.startswith("auv2: error: its safety_node, which takes commands, hangs or is not running")
+        assert "auv3" not in printed.err, "a user's driver"
+
+
 def test_without_a_vehicle_the_command_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(graph_node.GraphError, match="no vehicle found"):
         _Graph(monkeypatch, {}).run("all")
