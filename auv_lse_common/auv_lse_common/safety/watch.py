@@ -9,7 +9,7 @@ that is exceeded without a break thus trips after `patience_s`. With wrong readi
 that time, if at least half of the readings exceed it. For depth, fence and altitude every reading counts; the other
 limits are states, read once a step (`exceeded_time`). Two exceptions:
 
-- Before the mission has started nothing trips while the vehicle is at the surface. After a restart of its computer, a
+- Before its first leg nothing trips while the vehicle is at the surface, whatever its state. After a restart of its computer, a
   submerged vehicle is watched.
 - After a RESET outside the fence the vehicle may return: the fence applies again once it is inside.
 
@@ -260,7 +260,7 @@ class SafetyWatch:
             if time.share >= WARNING_SHARE:
                 exceeded[name] = self._reasons[name]
             response = self._responses[name]
-            if is_over and response != "warn" and not (state is RunState.WAITING and self._afloat):
+            if is_over and response != "warn" and (run.has_begun or not self._afloat):
                 stop = None if response == "abort" else Stop(action=_ACTIONS[response])
                 run.trip(name, stop, self._reasons[name])
         self.warnings = {name: reason for name, reason in exceeded.items() if name not in run.limits}

@@ -266,6 +266,17 @@ def test_before_the_mission_nothing_trips_while_the_vehicle_is_afloat() -> None:
     assert set(vehicle.watch.warnings) == {"altitude", "altimeter", "leak"}
 
 
+@pytest.mark.parametrize("command", [Command.HOLD, Command.SURFACE, Command.ABORT])
+def test_a_command_before_the_first_go_lets_nothing_trip_afloat(command: Command) -> None:
+    vehicle = Vehicle(at_once=False)
+    vehicle.run.command(command, "test")
+    vehicle.blind = True
+    assert vehicle.wait(60.0).run.limits == {}
+    assert set(vehicle.watch.warnings) == {"odometry"}
+    vehicle.blind, vehicle.position = False, (50.0, 50.0, 12.0)
+    assert set(vehicle.wait(5.0).run.limits) == {"depth"}, "under water it is watched"
+
+
 def test_an_altimeter_that_stops_is_told_and_trips_nothing() -> None:
     vehicle = Vehicle(altitude_response="surface").wait(60.0)
     assert vehicle.watch.warnings == {}, "a vehicle need not have one"
