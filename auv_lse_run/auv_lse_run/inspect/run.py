@@ -22,7 +22,7 @@ _COMMANDS = {
 #: Time (s) to wait for the states of missions.
 _LISTEN_S = 1.0
 #: Why a vehicle of which other nodes run takes no command.
-_MUTE = "its safety_node, which takes commands, hangs or is not running. auv_lse vehicle restarts it in 30 s: try again"
+_MUTE = "its safety_node, which takes commands, hangs or is not running. auv_lse vehicle restarts it: try again"
 
 ERRORS = (DomainError,)
 

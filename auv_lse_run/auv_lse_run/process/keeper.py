@@ -49,6 +49,8 @@ LONGEST_WAIT_S = 30.0
 STEADY_S = 20.0
 #: Watchdog: longest silence (s) of a node; doubled each time that it hangs.
 SILENT_S = 30.0
+#: Share of that for safety_node: while it hangs, no limit is watched and no command obeyed. Its callbacks are short.
+SAFETY_SHARE = 1.0 / 3.0
 #: The same before a node's first heartbeat: it may have to compile code.
 _SILENT_AT_FIRST_S = 4.0 * SILENT_S
 #: A killed process is gone within this time (s).
@@ -70,12 +72,14 @@ class Task:
         command: Returns the command line of the n-th start, n from 0: a recorder needs a new folder each time.
         last: Whether it is ended after the others, as a recorder is.
         node: The node, for the fork server; None: any other program.
+        silent_share: Share of the keeper's `silent_s` for this process.
     """
 
     name: str
     command: Callable[[int], Sequence[str]]
     last: bool = False
     node: Process | None = None
+    silent_share: float = 1.0
 
 
 def node_task(process: Process, parameter_file: Path, *arguments: str) -> Task:
@@ -90,7 +94,10 @@ def node_task(process: Process, parameter_file: Path, *arguments: str) -> Task:
     entries_of(process)
     name = "+".join((f"{process.package}/{process.executable}", *(name for _, name in process.beside)))
     command = [name, "--ros-args", "--params-file", str(parameter_file), *process.ros_arguments, *arguments]
-    return Task(name=process.name, command=lambda start_number: command, last=process.last, node=process)
+    share = SAFETY_SHARE if process.executable == "safety_node" else 1.0
+    return Task(
+        name=process.name, command=lambda start_number: command, last=process.last, node=process, silent_share=share
+    )
 
 
 @dataclass(slots=True)
@@ -246,7 +253,8 @@ class ProcessKeeper:
             return
         state.silent_s += passed_s
         if process.pid in alive and not state.killed:
-            state.silent_s, state.limit_s = 0.0, self._silent_limit_s * 2.0**state.hangs
+            state.silent_s = 0.0
+            state.limit_s = self._silent_limit_s * state.task.silent_share * 2.0**state.hangs
         if state.silent_s < state.limit_s:
             return
         if state.killed:

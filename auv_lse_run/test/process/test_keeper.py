@@ -11,17 +11,30 @@ from pathlib import Path
 import pytest
 
 from auv_lse_run.process import keeper
-from auv_lse_run.process.keeper import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S, STEADY_S, ProcessKeeper, Task
+from auv_lse_run.process.keeper import (
+    FIRST_WAIT_S,
+    LONGEST_WAIT_S,
+    SAFETY_SHARE,
+    SILENT_S,
+    STEADY_S,
+    ProcessKeeper,
+    Task,
+    node_task,
+)
+from auv_lse_run.process.processes import Process
 
 
 class Bench:
     """A keeper with a clock of its own, and what it has said."""
 
-    def __init__(self, folder: Path, restart: bool = True, **commands: str) -> None:
+    def __init__(self, folder: Path, restart: bool = True, share: float = 1.0, **commands: str) -> None:
         self.now_s, self.said = 100.0, []
         tasks = [
             Task(
-                name=name, command=lambda n, text=text: ["sh", "-c", text.replace("START", str(n))], last=name == "last"
+                name=name,
+                command=lambda n, text=text: ["sh", "-c", text.replace("START", str(n))],
+                last=name == "last",
+                silent_share=share,
             )
             for name, text in commands.items()
         ]
@@ -70,27 +83,37 @@ def test_what_a_process_reports_is_shown_at_once(tmp_path: Path, restart: bool) 
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sockets without a file, and who has sent, as Linux has them")
-def test_hanging_process_is_killed_and_restarted(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, node=f'exec {sys.executable} -c "{ALIVE}"', silent="exec sleep 60")
+@pytest.mark.parametrize("share", [1.0, SAFETY_SHARE])
+def test_hanging_process_is_killed_and_restarted(tmp_path: Path, share: float) -> None:
+    bench = Bench(tmp_path, share=share, node=f'exec {sys.executable} -c "{ALIVE}"', silent="exec sleep 60")
+    silent_s = share * SILENT_S
     bench.after(0.0)
     time.sleep(0.5)
-    alive_for(bench, 2.0 * SILENT_S)
+    alive_for(bench, 2.0 * silent_s)
     pid = bench.keeper.running["node"]
     os.kill(pid, signal.SIGSTOP)
     time.sleep(0.1)
     bench.after(1.0)  # takes what it has still said
     bench.after(3600.0)  # the keeper stood still itself: that is no silence
-    alive_for(bench, SILENT_S - 3.0)
+    alive_for(bench, silent_s - 3.0)
     assert bench.keeper.running["node"] == pid
     said = len(bench.said)
     while len(bench.said) == said:
         bench.after(1.0)
-    assert bench.said[said] == (f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s")
+    assert bench.said[said] == (f"node hangs: killing process {pid}, which has served no callback for {silent_s:.0f} s")
     assert bench.death() == ("node", -9)
     assert bench.keeper.why_died("node", -9) == "SIGKILL: the watchdog killed it"
     bench.after(FIRST_WAIT_S)
     assert bench.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
     bench.keeper.stop()
+
+
+def test_safety_node_counts_as_hung_sooner_than_other_nodes() -> None:
+    shares = {}
+    for package, executable in (("auv_lse_planner", "safety_node"), ("auv_lse_gp", "gp_node")):
+        process = Process(package=package, executable=executable, namespace="/auv1")
+        shares[executable] = node_task(process, Path("mission.yaml")).silent_share
+    assert shares == {"safety_node": SAFETY_SHARE, "gp_node": 1.0}
 
 
 def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None:
