@@ -5,6 +5,7 @@ The parsers of the verbs are argparse's, which imports in a third of the time of
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import io
@@ -57,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # a letter that the terminal lacks is no error
     if arguments is None:
         sys.stderr = outlet(sys.stderr, drops_if_full=True)  # what it lacks changes no exit code
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # runs last; afterwards Python has no handlers
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         with signals_raised(), _interrupts_as_such():

@@ -296,6 +296,14 @@ def test_a_ctrl_c_while_python_ends_changes_nothing(tmp_path: Path) -> None:
     assert (process.returncode, output, errors) == (0, "a line\n", "")
 
 
+def test_a_ctrl_c_while_python_removes_its_modules_changes_nothing(tmp_path: Path) -> None:
+    """By then Python has removed its handlers. That takes 0.25 s with large libraries."""
+    text = "import os, sys\nclass Last:\n    def __del__(self, kill=os.kill, pid=os.getpid()): kill(pid, 2)\n"
+    with start(tmp_path, run_of(f"{text}sys.last = Last()\nprint('a line')")) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (0, "a line\n", "")
+
+
 #: Python drops an error of these with a warning, Ctrl-C's as well.
 DROPPED = {
     "finalizer": "class A:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\nA()\n",
