@@ -9,8 +9,8 @@ that is exceeded without a break thus trips after `patience_s`. With wrong readi
 that time, if at least half of the readings exceed it. For depth, fence and altitude every reading counts; the other
 limits are states, read once a step (`exceeded_time`). Two exceptions:
 
-- Before its first leg nothing trips while the vehicle is at the surface, whatever its state. After a restart of its computer, a
-  submerged vehicle is watched.
+- Before its first leg nothing trips while the vehicle is at the surface, whatever its state. After a restart of its
+  computer, a submerged vehicle is watched.
 - After a RESET outside the fence the vehicle may return: the fence applies again once it is inside.
 
 Ages are measured with the step's clock from the step that took the report; that of odometry from its stamp, if that is

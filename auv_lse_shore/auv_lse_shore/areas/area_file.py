@@ -123,7 +123,7 @@ def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
     used += [text for number, text in own if number <= vehicles]
     notes = [f"{path.name}: used {', '.join(used)}", *(f"{path.name}: {note}" for note in content.notes)]
     if beyond := [text for number, text in own if number > vehicles]:
-        notes.append(f"{path.name}: ignored {', '.join(beyond)}, because the mission has {counted(vehicles, 'vehicle')}")
+        notes.append(f"{path.name}: ignored {', '.join(beyond)}: the mission has {counted(vehicles, 'vehicle')}")
     if content.ignored:
         names = [repr(name) for name in content.ignored[:_MAX_LISTED]]
         more = f" and {len(content.ignored) - _MAX_LISTED} more" if len(content.ignored) > _MAX_LISTED else ""

@@ -62,7 +62,7 @@ def test_positions_of_a_file_that_do_not_apply_are_not_among_the_used_ones(missi
     notes = "\n".join(text for level, text in check(mission).rows if level == "note")
     assert "used the area 'lake', no-go area no_go_pier, recovery position of all vehicles\n" in notes
     assert "lake.geojson: the start of auv1 is that of the mission file (/auv1/**)" in notes
-    assert "lake.geojson: ignored start of auv2, because the mission has 1 vehicle" in notes
+    assert "lake.geojson: ignored start of auv2: the mission has 1 vehicle" in notes
 
 
 def test_the_map_shows_the_positions_where_they_are(mission: Path) -> None:
