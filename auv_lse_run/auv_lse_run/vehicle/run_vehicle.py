@@ -55,6 +55,11 @@ _OF_VEHICLE = re.compile(r"/?auv[ _-]?\d+(/\*+)?/?", re.IGNORECASE)
 _FIRST_START_S = 30.0
 #: Nodes that load compiled code; they start last, so that the others need not wait for it.
 _SLOW_NODES = ("gp_node", "planner_node")
+#: Why the nodes were ended, after a signal that no person at the terminal has sent.
+_ENDED_BY: dict[signal.Signals | None, str] = {
+    signal.SIGTERM: " after SIGTERM",
+    signal.SIGHUP: " after SIGHUP: the terminal or SSH session was closed",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -335,7 +340,7 @@ def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path
     silent_s = math.inf if processes.lockstep else SILENT_S
     keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
     with ExitStack() as stack:
-        stack.callback(_say, f"auv{processes.vehicle}: all nodes have ended")
+        stack.callback(_report_end, processes.vehicle, logs, interrupt)
         stack.callback(keeper.stop)
         mission_end = (lambda: None) if not processes.simulated else stack.enter_context(_mission_end(environment))
         while not interrupt.came:
@@ -361,6 +366,14 @@ def _mission_end(environment: dict[str, str]) -> Any:
     )
 
     return SimStatusWatch(environment)
+
+
+def _report_end(vehicle: int, logs: Path, interrupt: Interrupt) -> None:
+    """Reports that and why the nodes have ended, also in a log: the terminal may be gone."""
+    text = f"auv{vehicle}: all nodes have ended{_ENDED_BY.get(interrupt.signal, '')}"
+    _say(text)
+    with suppress(OSError), (logs / f"auv{vehicle}.vehicle.log").open("a") as log:
+        log.write(f"{datetime.now():%Y-%m-%d %H:%M:%S} {text}\n")
 
 
 def _say(text: str) -> None:

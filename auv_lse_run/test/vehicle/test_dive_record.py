@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import threading
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -96,6 +97,16 @@ def test_a_lost_connection_ends_no_dive(
             signal.raise_signal(number)
         assert interrupt.signal == number
     assert (DiveRecord(tmp_path, 2, mission).continued is None) is ends
+
+
+def test_a_lost_connection_is_in_the_log_of_the_dive(tmp_path: Path) -> None:
+    """The terminal, which shows why nodes end, is gone."""
+    processes: Any = SimpleNamespace(simulated=False, lockstep=False, vehicle=2)
+    with signals_raised():
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGHUP)).start()
+        assert run_vehicle._keep_running(processes, [], tmp_path, {}) == 130
+    text = (tmp_path / "auv2.vehicle.log").read_text()
+    assert text.endswith(" auv2: all nodes have ended after SIGHUP: the terminal or SSH session was closed\n")
 
 
 def test_another_mission_file_or_vehicle_is_a_new_dive(tmp_path: Path, mission: Path) -> None:

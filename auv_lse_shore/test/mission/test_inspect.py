@@ -234,7 +234,7 @@ def test_params(run: Run) -> None:
 
 
 def test_a_mission_is_started_held_and_aborted(run: Run) -> None:
-    """The vehicle has no odometry, and waits for GO."""
+    assert run("run", "go", "auv1") == "auv1: WAITING: no position has arrived yet\n"
     assert run("run", "state").startswith("auv1: WAITING: waits for GO\n")
     assert run("run", "go", "auv1") == "auv1: WAITING: no position has arrived yet\n"
     assert run("run", "hold", "all", "--spin-time", "0.5").startswith("auv1: HOLDING: HOLD by ")
@@ -268,5 +268,5 @@ def test_a_node_that_is_killed_comes_back_and_sigterm_ends_all(vehicle: Vehicle,
     assert vehicle.process.returncode == 0, output
     assert "auv1.gp_node died after " in output
     assert "auv1.gp_node restarted (start 2)" in output
-    assert output.endswith("auv1: all nodes have ended\n")
+    assert output.endswith("auv1: all nodes have ended after SIGTERM\n")
     assert vehicle.pids() == {}
