@@ -433,3 +433,36 @@ def test_a_proposal_has_no_position_around_a_time(tmp_path):
     data = lines("volt a b c d", lambda t, a, o, d: f"12.1 {1000 * t:.0f} {a:.8f} {o:.8f} {d:.3f}")
     with pytest.raises(LogError, match="--columns -,time_ms,lat,lon,depth"):
         gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize("name", ["Depth_MLLW_ft", "CORR_DEPTH (ft)", "Bathy depth [ft]", "Depth NAVD88 (ft)"])
+def test_names_of_depths_in_archives_and_datums_behind_them(tmp_path, name):
+    header = f"utc\tlat\tlon\tTWT\t{name}"
+
+    def row(t, a, o, d):
+        return f"{utc(t)}\t{a:.8f}\t{o:.8f}\t{d / 750.0:.5f}\t{d / 0.3048:.3f}"
+
+    checked(gathered(tmp_path, lines(header, row)))
+
+
+@pytest.mark.parametrize("name", ["ELEV_NAVD88_FT", "Elevation NGVD29 (ft)", "Z_LN02_ft"])
+def test_elevations_above_a_datum_need_the_water_surface(tmp_path, name):
+    data = lines(f"utc,lat,lon,{name}", lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{(372.0 - d) / 0.3048:.3f}")
+    with pytest.raises(LogError, match="--surface"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--surface", "372"))
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("Long;Lat;Min;Avg", "lon,lat,elevation,-"),
+        ("Long;Lat;TWT;Min depth", "lon,lat,-,depth"),
+        ("Long;Lat;TWT;ellipsoidal_height_m", "lon,lat,-,elevation_m"),
+    ],
+)
+def test_a_proposal_keeps_the_names_that_are_known(tmp_path, header, columns):
+    sign, base = (-1.0, 0.0) if "Avg" in header else (1.0, 0.0) if "depth" in header else (-1.0, 420.0)
+    data = lines(header, lambda t, a, o, d: f"{o:.8f};{a:.8f};{base + sign * d:.3f};{base + sign * d + 0.001:.3f}")
+    with pytest.raises(LogError, match=f"--columns {columns}[.]$"):
+        gathered(tmp_path, data)

@@ -262,3 +262,39 @@ def test_a_raw_file_of_hypack_names_what_to_export(tmp_path):
     )
     with pytest.raises(LogError, match=r"a raw file of Hypack. Export"):
         gathered(tmp_path, raw)
+
+
+@pytest.mark.parametrize("mark", ["'", "’", ",", "\u00a0"])
+def test_thousands_are_separated(tmp_path, mark):
+    def row(t, a, o, d):
+        return f'"{d * 1000.0:,.1f}",{a:.8f},{o:.8f},{utc(t)}'.replace(",", mark, 1 if d >= 1.0 else 0)
+
+    checked(gathered(tmp_path, lines("depth_mm,lat,lon,utc", row)))
+
+
+def test_thousands_are_separated_by_points_beside_decimal_commas(tmp_path):
+    def row(t, a, o, d):
+        depth = f"{d * 1000.0:,.1f}".translate(str.maketrans(",.", ".,"))
+        return f"{utc(t)};{depth};{a:.8f};{o:.8f}".replace(f";{a:.8f};{o:.8f}", f";{a:.8f};{o:.8f}".replace(".", ","))
+
+    checked(gathered(tmp_path, lines("utc;Tiefe (mm);lat;lon", row)))
+
+
+@pytest.mark.parametrize(("sign", "mark"), [(",", "."), (".", ",")])
+def test_one_separator_that_may_be_a_decimal_sign_is_refused(tmp_path, sign, mark):
+    def row(t, a, o, d):
+        return f"{utc(t)};{d * 1000.0:,.0f}".replace(",", mark) + f";{a:.8f};{o:.8f}".replace(".", sign)
+
+    with pytest.raises(LogError, match=r"separates thousands or decimals in '\d+[.,]\d{3}'"):
+        gathered(tmp_path, lines("utc;depth_mm;lat;lon", row))
+
+
+@pytest.mark.parametrize("wrong", ["46-75-12N", "46 30 75 N", "46°60.5'N"])
+def test_an_angle_with_more_than_60_minutes_or_seconds_is_no_position(tmp_path, wrong):
+    def row(t, a, o, d):
+        lat = wrong if t > START_S + 99 else f"46 {60.0 * (a % 1.0):.6f} N"
+        return f"{lat};6 {60.0 * (o % 1.0):.6f} E;{d:.3f};{utc(t)}"
+
+    found = gathered(tmp_path, lines("lat;lon;depth;utc", row))
+    assert found.placed[0].left_out["positions that are no numbers"] == 20
+    checked(found, count=100)

@@ -26,7 +26,7 @@ _E7 = re.compile(r"(deg)?\W*1?e-?7")
 _PACKED = re.compile(r"d{1,3}mm?\b.*")
 _NEGATIVE = re.compile(r"(°|º|deg|degrees|dd)?[ .]?(s|south|w|west)")
 #: What a unit of degrees, or the name of a geodetic datum, contains.
-_DEGREES = re.compile(r"deg|grad\b|°|º|d{2}|wgs|etrs|nad|epsg|gcs|dec|\b(n|s|e|w|north|south|east|west)\b")
+_DEGREES = re.compile(r"deg|dms|grad\b|°|º|d{2}|wgs|etrs|nad|epsg|gcs|dec|\b(n|s|e|w|north|south|east|west)\b")
 #: Share of the positions that shows what all of them are.
 _MOST = 0.9
 
@@ -41,6 +41,8 @@ def angle(text: str, path: Path) -> float:
     if not match:
         return float("nan")
     before, degrees, minutes, rest, mark, after = match.groups()
+    if max(float(minutes or 0.0), float(rest or 0.0)) > 60.0:
+        return float("nan")
     if rest and "s" not in mark.lower() and ("m" if after == "s" else "M" if after == "S" else "?") in text:
         after = None  # of seconds, as in 33d51m12s
     value = abs(float(degrees)) + float(minutes or 0.0) / 60.0 + float(rest or 0.0) / 3600.0

@@ -69,6 +69,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "depthbelowtransducer", "depthtransducer", "depthraw", "rawdepth", "dbt", "dpt", "tiefe", "wassertiefe",
         "profondeur", "profundidad", "profondita", "profundidade", "diepte", "dybde", "djup", "glebokosc", "hloubka",
         "depthbelowkeel", "dbk", "depth1", "glubina",
+        "bathydepth", "corrdepth",
         "depthmean", "meandepth", "depthavg", "avgdepth", "averagedepth", "depthmedian", "mediandepth",
     ),
     "own_depth": (
@@ -91,7 +92,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "posixtime", "datumzeit", "zeitstempel", "fechahora", "horodatage", "datetimelocal", "localtime", "times",
         "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime", "timeboot",
         "timesinceboot", "timesincestart", "elapsedtime", "timeelapsed", "elapsed", "datenum", "jd", "mjd",
-        "time1", "secondsofday", "secofday", "headerstamp", "headerstampsec", "stamp", "stampsec",
+        "time1", "pingtime", "secondsofday", "secofday", "headerstamp", "headerstampsec", "stamp", "stampsec",
     ),
     "gps_week": ("gpsweek", "gpswk", "gwk", "weeknumber", "week"),
     "of_week": (
@@ -106,7 +107,9 @@ ROLES: dict[str, tuple[str, ...]] = {
     "hour": ("hour", "hours", "hh", "hr"),
     "minute": ("minute", "minutes", "min", "mins"),
     "second": ("second", "seconds", "sec", "secs", "ss"),
-    "date": ("date", "utcdate", "dateutc", "gpsdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato"),
+    "date": (
+        "date", "utcdate", "dateutc", "gpsdate", "pingdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato",
+    ),
     "quality": (
         "confidence", "quality", "signalquality", "depthquality", "pingconfidence", "depthconfidence", "pingquality",
         "echoquality", "conf", "sonarquality", "depthconf",
@@ -131,6 +134,11 @@ _PARTS = {
     "min": "_min", "mins": "_min", "minutes": "_min", "'": "_min",
     "sec": "_sec", "secs": "_sec", "seconds": "_sec", '"': "_sec", "''": "_sec",
 }  # fmt: skip
+#: Vertical datums, as in Depth_MLLW and ELEV_NAVD88_FT.
+_DATUM = re.compile(
+    r"navd(88)?|ngvd(29)?|igld(55|85|2020)?|mllw|mlw|msl|cgvd(28|2013)|ln02|lhn95|dhhn(92|2016)?|nhn|nap|nn2000|rh2000"
+    r"|n2000|dvr90|bscd2000|evrf(2000|2007|2019)?|ign69|odn|ahd|egm(84|96|2008)"
+)
 #: As in "depth in feet".
 _PREPOSITION = re.compile(r"[\s_]+in[\s_]+(?=[a-z]+$)")
 #: As in LonW.
@@ -152,6 +160,7 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
         unit = match[1].strip()
         text = _BRACKETS.sub("", text)
     words = [word for word in re.split(r"[^a-z0-9äöüß°%]+", text) if word]
+    words = words[:1] + [word for word in words[1:] if not _DATUM.fullmatch(word)]
     key = "".join(words)
     if key not in _BY_NAME:  # a unit at the end, also without a sign before it: DepthFt, TimeMs
         known = [*METRES, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS]

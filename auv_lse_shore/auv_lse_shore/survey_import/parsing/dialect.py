@@ -25,7 +25,11 @@ _COMMENT = re.compile(r"#+|//|%+|!|'|;;|\*+(?!\s*[-+.]?\d)")
 #: A name with units in brackets behind it.
 _BRACKETED = re.compile(r"\S[^\s(\[{]*(?:\s*[(\[{][^)\]}]*[)\]}])*")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
+_DECIMAL_COMMA = re.compile(r"[+-]?[^,]*\d,\d+$")
+#: A number whose thousands are separated.
+_THOUSANDS = re.compile(r"([+-]?\d{1,3})(([.,'’\xa0\u2009\u202f])\d{3}(?:\3\d{3})*)([.,]\d*)?$")
+#: Numbers that may have separated thousands or three decimals, in tables with a decimal point and a decimal comma.
+_EITHER = {False: re.compile(r"[+-]?[1-9]\d{0,2},\d{3}"), True: re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")}
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
 #: Cells of words: a date with its time, a time with AM or a zone, an angle, and a number with its unit.
 _OF_WORDS = re.compile(
@@ -92,7 +96,7 @@ def fields_of(lines: Iterator[str] | Sequence[str], delimiter: str) -> Iterator[
 
 def is_number(text: str) -> bool:
     """Whether a field is a number, with a decimal point or comma."""
-    return bool(_NUMBER.match(text.strip()))
+    return bool(_NUMBER.match(_joined(text.strip())))
 
 
 def dialect_of(text: str) -> Dialect | None:
@@ -166,8 +170,8 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
         header, units = tuple(names[-1 - has_units]), tuple(names[-1]) if has_units else ()
     header = tuple(without_blanks([*header]))
     cells = [cell for row in values for cell in row]
-    commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell))
-    points = sum(1 for cell in cells if is_number(cell) and "." in cell)
+    commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell) and is_number(cell))
+    points = sum(1 for cell in cells if cell.count(".") == 1 and cell.rfind(",") < cell.find(".") and is_number(cell))
     return Dialect(
         delimiter=delimiter,
         decimal_comma=commas > points,
@@ -220,11 +224,29 @@ def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
             raise ValueError
         return np.fromiter(map(float, cells), float, len(cells))
     except ValueError:
-        return np.fromiter(map(_number, cells), float, len(cells))
+        return np.fromiter((_number(text, decimal_comma) for text in texts), float, len(texts))
 
 
-def _number(text: str) -> float:
+def _number(text: str, decimal_comma: bool) -> float:
+    plain = _joined(text.strip())
     try:
-        return float(text) if "_" not in text else float("nan")
+        return float(plain.replace(",", ".") if decimal_comma else plain) if "_" not in text else float("nan")
     except ValueError:
         return float("nan")
+
+
+def _joined(text: str) -> str:
+    """A number with its thousands joined; as it is if it has none, or a sign that may be that of decimals."""
+    match = _THOUSANDS.match(text)
+    if not match:
+        return text
+    first, more, sign, decimals = match.groups("")
+    is_either = sign in ".," and more.count(sign) == 1 and not decimals
+    is_joined = not is_either and not decimals.startswith(sign)
+    return first + more.replace(sign, "") + decimals.replace(",", ".") if is_joined else text
+
+
+def first_unclear(texts: Sequence[str], decimal_comma: bool) -> str:
+    """The first number whose sign may separate thousands or decimals, such as 1.234 beside 980,5; "" without one."""
+    sign, pattern = "." if decimal_comma else ",", _EITHER[decimal_comma]
+    return next((text.strip() for text in texts if sign in text and pattern.fullmatch(text.strip())), "")

@@ -10,15 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.length_units import METRES
+from auv_lse_shore.survey_import.parsing.column_names import column_of
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of
 from auv_lse_shore.survey_import.parsing.times import days, of_day_s
 
 Array = NDArray[np.float64]
 
 
+#: What names of columns of heights, and of either depths or heights, contain.
+_HEIGHT_NAME = re.compile("elev|height|h(o|oe|ö)he|quota|cota", re.IGNORECASE)
+_DEPTH_NAME = re.compile(f"dep|sound|tief|prof|bathy|{_HEIGHT_NAME.pattern}", re.IGNORECASE)
+
+
 def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
-    """Names for `--columns` from what the columns of a table without a header look like; "-" for unknown ones."""
+    """Names for `--columns` from what the columns of a table look like; "-" for unknown ones.
+
+    A header that names latitude and longitude is right, and depths are rather in a column that is called so.
+    """
     width = dialect.width
+    header = [*dialect.header, *[""] * width][:width]
     texts = [[row[i] for row in rows if len(row) == width] for i in range(width)]
     values = [numbers_of(column, dialect.decimal_comma) for column in texts]
     names = ["-"] * width
@@ -28,11 +38,12 @@ def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
     for a, b in itertools.pairwise(free):
         is_beside = all(name == "-" for name in names[a:b])  # with no time between, but perhaps hemispheres
         if is_beside and (pair := _pair(values[a], values[b])):
-            names[a], names[b] = pair
+            named = [found.role if (found := column_of(i, header[i])) else "" for i in (a, b)]
+            names[a], names[b] = named if sorted(named) == sorted(pair) else pair
             free = [i for i in free if i not in (a, b)]
             # depth comes after the position, if it can
-            for i in sorted(free, key=lambda i: (i < b, i)):
-                if name := _depth_name(values[i]):
+            for i in sorted(free, key=lambda i: (not _DEPTH_NAME.search(header[i]), i < b, i)):
+                if name := _depth_name(values[i], header[i]):
                     names[i] = name + _unit_of(dialect, i)
                     free.remove(i)
                     break
@@ -79,11 +90,11 @@ def _pair(a: Array, b: Array) -> tuple[str, str] | None:
     return None
 
 
-def _depth_name(values: Array) -> str:
+def _depth_name(values: Array, title: str) -> str:
     known = values[np.isfinite(values)]
     if len(np.unique(known)) < 2 or np.abs(known).max() > 12_000.0:
         return ""
-    if (known <= 0.0).mean() > 0.9:
+    if (known <= 0.0).mean() > 0.9 or _HEIGHT_NAME.search(title):
         return "elevation"
     return "depth" if (known >= 0.0).mean() > 0.9 else ""
 

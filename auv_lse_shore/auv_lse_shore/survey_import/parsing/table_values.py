@@ -18,7 +18,7 @@ from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.angles import angle, degrees_of
 from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Table, depth_role, first_of
-from auv_lse_shore.survey_import.parsing.dialect import numbers_of
+from auv_lse_shore.survey_import.parsing.dialect import first_unclear, numbers_of
 from auv_lse_shore.survey_import.parsing.table_times import times_of
 from auv_lse_shore.survey_import.parsing.text import text_of
 from auv_lse_shore.survey_import.parsing.times import months
@@ -31,6 +31,8 @@ Mask = NDArray[np.bool_]
 SAMPLE_LETTERS = 100_000
 #: Beginnings of the roles whose cells stay text.
 TEXT_ROLES = ("date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day", "utc_offset")
+#: Beginnings of the roles of lengths and of coordinates in metres.
+_LENGTHS = ("depth", "elevation", "z", "own_depth", "above_bottom", "altitude", "north", "east")
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
 #: More names than these in a column of sounders number something else.
@@ -98,9 +100,14 @@ def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) 
     """Numbers of cells; angles may have hemispheres, minutes and seconds, months names.
 
     Raises:
-        LogError: if a hemisphere is not clear.
+        LogError: if a hemisphere is not clear, or what separates the digits of a length.
     """
     numbers = numbers_of(cells, decimal_comma)
+    if role.startswith(_LENGTHS) and (unclear := first_unclear(cells, decimal_comma)):
+        raise LogError(
+            f"{path}: it is unclear what separates thousands or decimals in {unclear!r}, because other numbers have a "
+            f"decimal {'comma' if decimal_comma else 'point'}. Write numbers without separated thousands."
+        )
     if role == "month":
         return np.where(np.isnan(numbers), months(cells), numbers)
     if role not in ("lat", "lon", "x", "y"):
