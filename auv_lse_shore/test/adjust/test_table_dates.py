@@ -340,3 +340,14 @@ def test_seconds_of_gps_may_count_from_1980(tmp_path, header, asks):
 def test_stamps_of_ros_messages(tmp_path):
     header = "header.stamp.sec,header.stamp.nanosec,latitude,longitude,depth"
     checked(gathered(tmp_path, lines(header, lambda t, a, o, d: f"{t:.0f},5,{a:.8f},{o:.8f},{d:.3f}")))
+
+
+@pytest.mark.parametrize(("hour", "step_min"), [(8, 1.0 / 60.0), (14, 1.01)])
+def test_hours_and_minutes_in_one_number_have_fractions_of_a_minute(tmp_path, hour, step_min):
+    def row(t, a, o, d):
+        minutes = (t - START_S) * step_min + 60.0 * hour + 15.0
+        return f"20260614,{minutes // 60.0:02.0f}{minutes % 60.0:06.3f},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines("DATE,TIME,LAT,LON,DEPTH", row))
+    checked(found, starts=None)
+    assert utc(found.placed[0].soundings[0, 0]) == f"2026-06-14T{hour:02d}:15:00"

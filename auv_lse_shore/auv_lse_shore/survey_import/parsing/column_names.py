@@ -108,7 +108,8 @@ ROLES: dict[str, tuple[str, ...]] = {
     "minute": ("minute", "minutes", "min", "mins"),
     "second": ("second", "seconds", "sec", "secs", "ss"),
     "date": (
-        "date", "utcdate", "dateutc", "gpsdate", "pingdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato",
+        "date", "utcdate", "dateutc", "gpsdate", "pingdate", "day", "datum", "fecha", "data", "localdate", "jour",
+        "dato",
     ),
     "quality": (
         "confidence", "quality", "signalquality", "depthquality", "pingconfidence", "depthconfidence", "pingquality",

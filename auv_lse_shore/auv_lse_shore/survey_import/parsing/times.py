@@ -35,7 +35,7 @@ _OF_DAY = re.compile(
 )
 #: Minutes and seconds.
 _OF_HOUR = re.compile(r"([0-5]?\d):([0-5]\d(?:[.,]\d*)?)")
-_FOUR_DIGITS = re.compile(r"(\d{2})(\d{2})")
+_FOUR_DIGITS = re.compile(r"(\d{2})(\d{2}(?:\.\d*)?)")
 #: Spreadsheets remove a leading zero.
 _SIX_DIGITS = re.compile(r"(\d{1,2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.:](\d{1,2})[-/.:](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
@@ -113,7 +113,7 @@ def of_counts(numbers: Array) -> tuple[Array, bool] | None:
 
 
 def of_day_s(texts: Sequence[str]) -> Array:
-    """Seconds of the day of times such as "14:03:05.2", "2:03 PM", "140305" or "1403"; NaN for others.
+    """Seconds of the day of times such as "14:03:05.2", "2:03 PM", "140305", "1403" or "1403.25"; NaN for others.
 
     Those of a time with a zone, such as "16:03+02:00", are of UTC, and may be negative.
     """
@@ -131,8 +131,8 @@ def _of_day(text: str) -> float:
         return hour * 3600.0 + int(minutes) * 60.0 + float((rest or "0").replace(",", ".")) - _zone_s(zone)
     if (match := _SIX_DIGITS.fullmatch(text)) and int(match[1]) < 25 and int(match[2]) < 60 and float(match[3]) < 61.0:
         return int(match[1]) * 3600.0 + int(match[2]) * 60.0 + float(match[3])
-    if (match := _FOUR_DIGITS.fullmatch(text)) and int(match[1]) < 24 and int(match[2]) < 60:
-        return int(match[1]) * 3600.0 + int(match[2]) * 60.0
+    if (match := _FOUR_DIGITS.fullmatch(text)) and int(match[1]) < 24 and float(match[2]) < 60.0:
+        return int(match[1]) * 3600.0 + float(match[2]) * 60.0
     return float("nan")
 
 
@@ -166,11 +166,15 @@ def are_six_digits(texts: Sequence[str]) -> bool:
 
 
 def are_four_digits(texts: Sequence[str]) -> bool:
-    """Whether all texts that are not blank are times such as "1403", several in a minute or over more than an hour."""
+    """Whether all texts that are not blank are times such as "1403" or "1403.25".
+
+    Seconds of the day have no 0 before them, and are hardly the same for long, or all below 60 in each hundred.
+    """
     known = [text.strip() for text in texts if text.strip()]
     if not known or not all(map(_FOUR_DIGITS.fullmatch, known)) or np.isnan(of_day_s(known)).any():
         return False
-    return 2 * len(set(known)) <= len(known) or int(max(known)) - int(min(known)) >= 100
+    least = min(known)
+    return 2 * len(set(known)) <= len(known) or float(max(known)) - float(least) >= 100.0 or least.startswith("0")
 
 
 def are_compact(texts: Sequence[str]) -> bool:
