@@ -19,7 +19,6 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_gp.inference.banks import Banks
-from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.level_set.lines import contours, near
 from auv_lse_gp.map import certainty
 from auv_lse_gp.map.certainty import Piece
@@ -28,7 +27,7 @@ from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.certify.dense import DenseMap, DensePrior, Measurements, dense_map
 from auv_lse_shore.certify.recorded import Recorded
-from auv_lse_shore.judge.team_map import sounded_locations
+from auv_lse_shore.judge.team_map import map_of, sounded_locations
 from auv_lse_shore.positions.adjustment import AdjustError, adjust, corrects_positions
 from auv_lse_shore.positions.merging import merged
 
@@ -135,12 +134,9 @@ def final_map(recorded: Recorded, run: RunData, locations: str) -> FinalMap:
     lines = contours(grid.north_m, grid.east_m, field.mean_m, level_set.level_m, informed)
     shore_known = prior.bank is not None
     pieces = certainty.classify(lines, field, gp.signal_std_m, sounded_locations(run), shore_known=shore_known)
-    counts = given.counts
-    centers = Centers(
-        np.add.reduceat(given.locations_m, given.starts, axis=0) / counts[:, None],
-        given.depths_m,
-        np.sqrt(given.noise_m2),
-    )
+    # the calibration of what may be missing was measured with the centers of the vehicles' maps
+    all_soundings = Soundings.join(vehicle.soundings for vehicle in run.vehicles)
+    centers = map_of(recorded.settings, area, all_soundings).centers
     return FinalMap(
         run=run,
         area=area,

@@ -18,7 +18,7 @@ from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_record import run_writer
 from auv_lse_shore.certify import calibration, checks
 from auv_lse_shore.judge.evaluation import local_map
-from auv_lse_shore.judge.team_map import mission_settings
+from auv_lse_shore.judge.team_map import mission_settings, team_map
 
 main = verb_main("certify")
 
@@ -110,6 +110,15 @@ def test_a_healthy_mission_is_supported(healthy, capsys):
     assert digest in page.replace("<wbr>", "")
     assert found["repeat"] in page
     assert "support the maps" in capsys.readouterr().out
+
+
+def test_what_may_be_missing_is_that_of_the_report(synthetic_run, tmp_path, monkeypatch):
+    run = made(synthetic_run, steps=4)
+    assert main([str(write(monkeypatch, run, tmp_path / "run"))]) == 0
+    missing, report = certificate(tmp_path / "run")["not_promised"], team_map(run).undiscovered
+    # the pieces found differ by less than a cell at each of their ends
+    assert missing["undiscovered_m"] == pytest.approx(report.expected_m, rel=0.005)
+    assert missing["undiscovered_limit_m"] == pytest.approx(report.limit_m, rel=0.01)
 
 
 def test_every_recording_of_a_dive_is_listed(healthy, tmp_path):
