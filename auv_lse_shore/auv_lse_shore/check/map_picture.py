@@ -29,8 +29,6 @@ _KEPT_OUT: dict[str, Any] = {"facecolor": "#f6ddd9", "edgecolor": _NO_GO, "hatch
 _UNREACHABLE: dict[str, Any] = {"facecolor": "#e3e3e3", "edgecolor": "#7d7d7d", "hatch": "....", "lw": 0.8}
 #: Length of a line of the notes, in characters.
 _NOTE_WIDTH = 120
-#: Nodes of the raster, each way, from which the line of the margin is drawn.
-_RASTER = 300
 _CASING = [withStroke(linewidth=2.5, foreground="white")]
 
 
@@ -101,12 +99,20 @@ def _draw_area(axis: Any, area: OperatingArea) -> None:
     for line in area.config.shore.values():
         corners = np.reshape(line, (-1, 2))
         axis.plot(corners[:, 1], corners[:, 0], color=_SHORE, lw=1.8, zorder=2.5)
-    south, north, west, east = area.extent_m
-    n, e = np.linspace(south, north, _RASTER), np.linspace(west, east, _RASTER)
-    mesh = np.column_stack([x.ravel() for x in np.meshgrid(n, e, indexing="ij")])
-    clearance = area.clearance_m(mesh).reshape(_RASTER, _RASTER)
-    if area.margin_m > 0.0 and clearance.max() > area.margin_m:
-        axis.contour(e, n, clearance, [area.margin_m], colors=_FREE, linestyles="dashed", linewidths=0.8, zorder=2)
+    for edge in _margin_lines(area):
+        axis.plot(edge[:, 1], edge[:, 0], color=_FREE, ls="dashed", lw=0.8, zorder=2, label="margin")
+
+
+def _margin_lines(area: OperatingArea) -> list[Array]:
+    """The lines (n, 2) north, east (m) at the margin from the borders; none without a margin."""
+    import shapely  # slow to import
+
+    if area.margin_m <= 0.0:
+        return []
+    free = shapely.make_valid(shapely.Polygon(area.polygon))
+    free = free.difference(shapely.union_all([shapely.make_valid(shapely.Polygon(r)) for r in area.no_go.values()]))
+    rings = shapely.get_parts(shapely.boundary(free.buffer(-area.margin_m)))
+    return [np.asarray(shapely.get_coordinates(ring)) for ring in rings]
 
 
 def _draw_lanes(axis: Any, settings: Settings, area: OperatingArea) -> None:

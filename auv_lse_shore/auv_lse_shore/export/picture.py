@@ -63,12 +63,12 @@ def draw_export(folder: Path, path: Path) -> None:
         axis.xaxis.set_major_locator(MaxNLocator(4))
     with (folder / "soundings.csv").open() as file:
         locations = np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(file)])
-    axes[2].plot(*locations.T, ".", ms=0.6, color="white", alpha=0.7)
+    axes[2].plot(*locations.T, ".", ms=0.6, color="white")
     axes[0].set_ylabel(axis_label("north", north_to_east))
     for axis in axes:
         add_graticule(axis, _origin(crs), latitudes=axis is axes[-1])
     handles: list[Any] = [Line2D([], [], label=kind, **style) for kind, style in reversed(LINES.items())]
-    handles.append(Line2D([], [], ls="", marker=".", ms=3, color="#999999", label="soundings.csv"))
+    handles.append(Line2D([], [], ls="", marker="o", ms=3, mfc="white", mec="black", mew=0.4, label="soundings.csv"))
     figure.legend(handles=handles, loc="outside lower center", ncols=5, title="isobath.geojson")
     save(figure, path)
 

@@ -19,6 +19,8 @@ GRATICULE: dict[str, Any] = {"color": "#7a7a7a", "lw": 0.45, "ls": (0, (1.0, 3.0
 _CASING = [withStroke(linewidth=3.2, foreground="white")]
 #: Largest number of lines of latitude and of longitude.
 MAX_LINES = 5
+#: Size of their labels (points).
+_LABEL_SIZE = 6.5
 
 
 def add_graticule(
@@ -55,7 +57,10 @@ def add_graticule(
     if latitudes:
         _label(axis.secondary_yaxis("right"), "yaxis", [row for row in at_north if south <= row[0] <= north])
     if longitudes:
-        _label(axis.secondary_xaxis("top"), "xaxis", [row for row in at_east if west <= row[0] <= east])
+        rows = [row for row in at_east if west <= row[0] <= east]
+        width = axis.figure.get_figwidth() * 72.0 * axis.get_position().width  # points
+        needed = sum(_LABEL_SIZE * 0.7 * len(text) for _, text in rows)
+        _label(axis.secondary_xaxis("top"), "xaxis", rows[:: max(math.ceil(needed / width), 1)])
 
 
 def nice_values(low: float, high: float) -> tuple[list[float], int]:
@@ -77,7 +82,9 @@ def degrees(value: float, digits: int, signs: str) -> str:
 
 def _label(secondary: Any, name: str, rows: list[tuple[float, str]]) -> None:
     axis = getattr(secondary, name)
-    axis.set_ticks([location for location, _ in rows], [text for _, text in rows], fontsize=6.5, color="#555555")
+    axis.set_ticks(
+        [location for location, _ in rows], [text for _, text in rows], fontsize=_LABEL_SIZE, color="#555555"
+    )
     axis.set_tick_params(length=2.0, width=0.4, color="#7a7a7a", pad=1.5)
     for spine in secondary.spines.values():
         spine.set_visible(False)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Polygon
 from verb_main import verb_main
@@ -161,3 +162,17 @@ def test_the_map_of_a_river_is_stretched_across(along_north: bool) -> None:
     arrow = next(text for text in axis.texts if text.arrow_patch is not None)
     ends = axis.transData.transform([arrow.xy, arrow.xyann])
     assert np.hypot(*(ends[1] - ends[0])) == pytest.approx(0.06 * box.width, rel=0.01)
+
+
+def test_the_line_of_the_margin_is_where_the_margin_ends() -> None:
+    polygon = [0.0, 0.0, 2000.0, 700.0, 1300.0, 2700.0, -700.0, 2000.0]  # oblique to the axes
+    no_go = {"pier": [600.0, 600.0, 900.0, 640.0, 700.0, 900.0]}
+    start = {"vehicle.start_north_m": 200.0, "vehicle.start_east_m": 200.0, "mission.vehicles": 1}
+    settings = Settings.load(None, {"area.polygon_m": polygon, "area.no_go": no_go, **start})
+    (axis,) = mission_figure(settings, "oblique").axes
+    rings = [shapely.LinearRing(np.reshape(ring, (-1, 2))) for ring in (polygon, no_go["pier"])]
+    lines = [line.get_xydata()[:, ::-1] for line in axis.lines if line.get_label() == "margin"]
+    assert len(lines) == 2
+    for line in lines:
+        # a circle's arc is a chain of chords: 16 for each quarter, each 0.05 % of the radius inside
+        assert shapely.distance(shapely.points(line), shapely.union_all(rings)) == pytest.approx(10.0, abs=0.02)

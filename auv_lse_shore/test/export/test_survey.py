@@ -346,6 +346,17 @@ def test_s102_is_read_back_by_gdal(lake):
     assert "depth positive down; band 1 of 2 (depth)" in ground.describe()
 
 
+@pytest.mark.parametrize(
+    ("datum", "meaning"),
+    [("IGLD 85", "internationalGreatLakesDatum1985"), ("mllw", "meanLowerLowWater"), ("LN02 372 m", "localDatum")],
+)
+def test_s102_has_the_code_of_a_known_datum(lake, tmp_path, datum, meaning):
+    lines = " ".join(write_export(lake[1], tmp_path, Survey(datum=datum)))
+    with rasterio().open(tmp_path / "chart_s102.h5", driver="S102") as file:
+        assert file.tags()["VERTICAL_DATUM_MEANING"] == meaning
+    assert ("a local datum" in lines) == (meaning == "localDatum")
+
+
 def test_another_projection_and_degrees(lake, tmp_path):
     _, team = lake
     for crs, bag in (("EPSG:2056", True), ("EPSG:4326", False)):

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.report import report_figures
-from auv_lse_shore.report.figures import depth_map, local_risk_error, risk_maps
+from auv_lse_shore.report.figures import WIDTH_IN, depth_map, local_risk_error, new_figure, risk_maps
 from auv_lse_shore.report.found_figure import found
+from auv_lse_shore.report.map_marks import add_graticule
 
 
 def test_an_error_leaves_no_process_that_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,3 +62,18 @@ def test_a_map_of_a_river_is_no_thread(synthetic_run: Any, corners: list[float],
         for axis in maps:
             title = axis.title.get_window_extent() if axis.get_title() else axis.get_window_extent()
             assert title.x1 <= width_in * figure.dpi + 1.0
+
+
+@pytest.mark.parametrize("panels", [1, 3])
+def test_longitudes_above_narrow_maps_do_not_run_into_each_other(panels):
+    figure = new_figure(WIDTH_IN, 4.0)
+    for axis in np.atleast_1d(figure.subplots(1, panels)):
+        axis.set_xlim(-90.0, 650.0)
+        axis.set_ylim(-90.0, 650.0)
+        add_graticule(axis, (46.5, 6.6))
+    FigureCanvasAgg(figure).draw()
+    for axis in figure.axes:
+        *_, top = axis.child_axes
+        boxes = [label.get_window_extent() for label in top.get_xticklabels()]
+        assert len(boxes) >= 2
+        assert all(a.x1 < b.x0 for a, b in itertools.pairwise(boxes))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from datetime import UTC, datetime
 from typing import Any
 
@@ -22,7 +23,10 @@ _ATTRIBUTES = (
 )
 _COLUMNS = ("code", "name", "uom.name", "fillValue", "datatype", "lower", "upper", "closure")
 #: Codes of vertical datums in S-100; all others are "local datum".
-_DATUMS = {"MSL": 3, "MLW": 5, "MLLW": 12, "MHW": 16, "MHWS": 17, "MHHW": 21, "LAT": 23, "IGLD1985": 25, "HAT": 30}
+_DATUMS = {
+    "MLWS": 1, "MLLWS": 2, "MSL": 3, "MLW": 5, "ISLW": 8, "MLLW": 12, "MHW": 16, "MHWS": 17, "MHHW": 21, "LAT": 23,
+    "IGLD1985": 25, "IGLD85": 25, "MWL": 26, "LLWLT": 27, "HHWLT": 28, "HAT": 30, "BSCD2000": 44, "IGLD2020": 46,
+}  # fmt: skip
 _LOCAL_DATUM = 24
 #: EPSG codes that S-102 allows, besides the UTM zones.
 _CRS = (4326, 5041, 5042)
@@ -60,14 +64,15 @@ def write(export: Export) -> str:
     if code is None or not (code in _CRS or 32601 <= code <= 32660 or 32701 <= code <= 32760):
         return f"{path.name}: skipped, because S-102 allows UTM and WGS84 only, not {chart.crs.to_string()}"
     library = _h5py()
-    datum = _DATUMS.get(export.survey.datum.upper().replace(" ", ""), _LOCAL_DATUM)
+    datum = _DATUMS.get(re.sub(r"[\W_]", "", export.survey.datum.upper()), _LOCAL_DATUM)
     memory = io.BytesIO()  # on a full disk HDF5 raises errors of its own, and prints a page
     with library.File(memory, "w") as file:
         _write_root(file, chart, code, datum)
         _write_features(file, library)
         _write_coverage(file, chart, library)
     path.write_bytes(memory.getbuffer())
-    return f"{path.name} ({chart.crs.to_string()}, {export.survey.vertical_datum})"
+    local = ", a local datum" if datum == _LOCAL_DATUM else ""
+    return f"{path.name} ({chart.crs.to_string()}, {export.survey.vertical_datum}: S-100 code {datum}{local})"
 
 
 def _attributes(node: Any, **values: Any) -> None:
