@@ -60,6 +60,8 @@ def read_area(path: str | Path) -> AreaContent:
         if problem := over_size(path, MAX_BYTES):
             raise ParameterError(f"{problem}. Leave only the area and the no-go areas")
         data = path.read_bytes()
+    except IsADirectoryError as error:
+        raise ParameterError(f"{path} is a folder, as a file geodatabase is. Save the area as {KINDS}") from error
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
     try:

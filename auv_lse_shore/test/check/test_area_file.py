@@ -222,3 +222,9 @@ def test_a_file_without_an_operating_area_needs_the_mission_files(tmp_path):
         mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}, {polygon}}}\n"), read_area
     )
     assert list(read["/**"]["area"]["no_go"]) == ["island"]
+
+
+def test_a_file_geodatabase_is_a_folder(tmp_path):
+    (tmp_path / "lake.gdb").mkdir()
+    with pytest.raises(ParameterError, match=r"lake\.gdb is a folder, as a file geodatabase is\. Save the area as"):
+        read_area(tmp_path / "lake.gdb")

@@ -78,7 +78,7 @@ def _reason(part: UnreachedPart) -> str:
     location = f"north {north:.0f}, east {east:.0f} m"
     if part.strait_width_m > 0.0:
         return f"The strait at {location} is {part.strait_width_m:.0f} m wide"
-    return f"Land at {location} separates it"
+    return f"Land or a no-go area at {location} separates it"
 
 
 def _percent(share: float) -> str:
