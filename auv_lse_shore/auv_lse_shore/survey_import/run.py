@@ -22,6 +22,7 @@ from auv_lse_record.run_writer import write_mission_file, write_run
 from auv_lse_shore.survey_import.area import SurveyedArea, one_of_each_cell, surveyed_area
 from auv_lse_shore.survey_import.picture import draw_survey
 from auv_lse_shore.survey_import.survey_log import LogError
+from auv_lse_shore.survey_import.team import FIX_EVERY_S
 from auv_lse_shore.survey_import.words import DIVE, PICTURE, SOUNDINGS
 
 Array = NDArray[np.float64]
@@ -48,7 +49,6 @@ _NO_DRIFT = {
     "harmonic_std_deg": 0.01,
     "scale_std": 1e-5,
     "heading_walk_deg_rth": 0.0,
-    "position_walk_m_rts": 0.02,
 }
 
 
@@ -81,11 +81,17 @@ def survey_run(
             "level_set": {"level_m": level_m},
             "area": area.section(origin),
             "gp": {**learned, **_sizes(points, area.area_m2, learned["length_scale_m"])},
-            "positions": dict(_NO_DRIFT),
+            "positions": {**_NO_DRIFT, "position_walk_m_rts": _walk_m_rts(vehicles)},
         }
     }
     last_s = max(float(max(v.soundings.stamp_s.max(), *v.odometry[-1:, 0], 0.0)) for v in vehicles)
     return RunData(parameters=parameters, vehicles=list(vehicles), origin=origin, sim_s=last_s), area
+
+
+def _walk_m_rts(vehicles: Sequence[VehicleRun]) -> float:
+    """The random walk (m/sqrt(s)) of positions whose error lasts `FIX_EVERY_S`."""
+    stds_m = [fix.std_m for vehicle in vehicles for fix in vehicle.fixes]
+    return round(max(stds_m, default=0.0) * math.sqrt(2.0 / FIX_EVERY_S), 5)
 
 
 def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from auv_lse_shore.survey_import.track import PlacedLog
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Positions count as fixes this far apart (s): nearer ones have the same error.
-FIX_EVERY_S = 60.0
+#: Positions count as fixes this far apart (s). Errors of GPS last about ten minutes: nearer fixes have the same one.
+FIX_EVERY_S = 600.0
 #: Time between two logs without dates in the run (s).
 BETWEEN_LOGS_S = 60.0
 #: Two soundings nearer than this in time (s) and position (m) are the same.
@@ -116,8 +116,8 @@ def _vehicle(number: int, logs: Sequence[PlacedLog], position_std_m: float) -> V
         is_raw = log.has_time and not log.is_estimated
         raw = log.soundings[:, 1:3] if is_raw else np.full((len(log.soundings), 2), np.nan)
         rows.append(np.column_stack([log.soundings, raw]))
-        periods = np.floor(log.track[:, 0] / FIX_EVERY_S)
-        first = np.unique(np.append(np.unique(periods, return_index=True)[1], len(periods) - 1))
+        periods = np.round((log.track[:, 0] - log.track[0, 0]) / FIX_EVERY_S)
+        first = np.unique(periods, return_index=True)[1]
         for stamp_s, north, east, _, _ in log.track[first].tolist() if is_raw else ():
             position = dict.fromkeys(("north_m", "raw_north_m"), north) | dict.fromkeys(("east_m", "raw_east_m"), east)
             fixes.append(Fix(stamp_s=stamp_s, std_m=position_std_m, **position))
