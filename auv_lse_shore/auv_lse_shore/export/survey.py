@@ -146,10 +146,11 @@ class Survey:
         near_m = round(float(np.median(self.water_level[:, 1])))
         rest_m = round(float(self.water_level[0, 1]) - near_m, 3)
         table = f"and a table of levels {near_m} m lower"
+        datum = self.datum.removesuffix(f" {near_m} m")
         raise SurveyError(
             f"--water-level of {levels} puts all {count} above {self.datum}, by {-depth.max():.1f} to "
             f"{-depth.min():.1f} m. Give the height of the water surface above a datum near it, in metres, such as "
-            f'--datum "{self.datum} {near_m} m" {table if len(self.water_level) > 1 else f"--water-level {rest_m:g}"}'
+            f'--datum "{datum} {near_m} m" {table if len(self.water_level) > 1 else f"--water-level {rest_m:g}"}'
         )
 
     def _notes_between(self, stamps_s: Array) -> list[str]:

@@ -466,3 +466,14 @@ def test_a_proposal_keeps_the_names_that_are_known(tmp_path, header, columns):
     data = lines(header, lambda t, a, o, d: f"{o:.8f};{a:.8f};{base + sign * d:.3f};{base + sign * d + 0.001:.3f}")
     with pytest.raises(LogError, match=f"--columns {columns}[.]$"):
         gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize("header", ["", "lon,lat,bottom"])
+def test_a_proposal_asks_for_the_water_surface_if_values_may_be_elevations(tmp_path, header):
+    data = lines(header, lambda t, a, o, d: f"{o:.8f},{a:.8f},{372.0 - d:.3f}")
+    with pytest.raises(LogError, match=r"if 3\d\d.\d to 3\d\d.\d are elevations, write elevation, .* with --surface M"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--columns", "lon,lat,elevation", "--surface", "372"), starts=None)
+    with pytest.raises(LogError, match="depth") as shallow:
+        gathered(tmp_path, lines(header, lambda t, a, o, d: f"{o:.8f},{a:.8f},{2.0 * (d - 6.0):.3f}"))
+    assert "elevations" not in str(shallow.value)

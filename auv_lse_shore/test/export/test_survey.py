@@ -305,6 +305,8 @@ def test_the_range_of_reduced_depths_and_soundings_above_the_datum_are_reported(
     said = capsys.readouterr().err
     assert re.search(message, said)
     assert 'such as --datum "D 120 m" --water-level 0' in said
+    assert main([str(lake[0].parent), *options[2:], "120", "--datum", "D 120 m"]) == 2
+    assert 'such as --datum "D 120 m" --water-level 0' in capsys.readouterr().err
     assert main([str(lake[0].parent), *options[2:], "0", "--datum", "D 120 m"]) == 0
     (tmp_path / "level.csv").write_text("time_s,level_m\n0,120.4\n9000,120.1\n")
     assert main([str(lake[0].parent), *options, str(tmp_path / "level.csv")]) == 2

@@ -51,6 +51,8 @@ _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
 _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
 DEPTHS = ("depth", "elevation", "z")
+#: The least depth of a survey is hardly more than this share of the largest.
+_NEAR_SHARE = 0.5
 #: Roles of times in columns of their own, beside the day's.
 DATE_PARTS = ("year", "month", "day_of_year", "hour", "minute", "second")
 GPS_TIME = ("gps_week", "of_week")
@@ -191,7 +193,8 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     if not dialect.header and not names and guess == _DEEPER:
         return named_columns(guess)
     if is_complete(named_columns(guess)):
-        cure = f"By their values they look like: --columns {','.join(guess)}{_or_swapped(dialect, guess, text)}"
+        others = f"{_or_swapped(dialect, guess, text)}{_or_elevations(dialect, guess, text)}"
+        cure = f"By their values they look like: --columns {','.join(guess)}{others}"
     elif _has_positions(dialect.sample):
         cure = "Latitude and longitude are in one cell: write them into columns lat and lon"
     else:
@@ -248,6 +251,23 @@ def _or_swapped(dialect: Dialect, guess: list[str], text: str) -> str:
         return ""
     swap = {"lat": "lon", "lon": "lat"}
     return f", or {','.join(swap.get(name, name) for name in guess)} if longitude comes first"
+
+
+def _or_elevations(dialect: Dialect, guess: list[str], text: str) -> str:
+    """How to name elevations, if values that can be depths do not come near 0."""
+    number = next((i for i, name in enumerate(guess) if column_of(i, name) and name.startswith("depth")), None)
+    if number is None:
+        return ""
+    rows = [row for row in rows_across(text, dialect) if len(row) == dialect.width]
+    known = numbers_of([row[number] for row in rows], dialect.decimal_comma)
+    known = known[np.isfinite(known)]
+    least, most = np.quantile(known, (0.01, 0.99)) if len(known) else (0.0, 0.0)
+    if least <= _NEAR_SHARE * most:
+        return ""
+    return (
+        f"; if {least:.1f} to {most:.1f} are elevations, write {guess[number].replace('depth', 'elevation')}, and give "
+        "that of the water surface with --surface M"
+    )
 
 
 def _has_positions(rows: Sequence[Sequence[str]]) -> bool:
