@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,9 @@ _UNCERTAINTIES = ("north_std", "east_std", "tvu")
 
 #: Columns of hemispheres, which are not read: without them, a survey in the south would lie in the north.
 _HEMISPHERES = ("n/s", "e/w", "ns", "ew", "lat_dir", "lon_dir", "lat_hemisphere", "lon_hemisphere")
+
+#: A depth of the water, beside which another one is that of a vehicle under water.
+_WATER_DEPTH = re.compile(r"(bottom|water|total)[\W_]*depth([\W_].*)?")
 
 #: Columns of this project's own tables for other programs.
 _OF_EXPORT = ("thu_m", "s44_order", "latitude_deg", "longitude_deg", "time_s", "")
@@ -232,6 +236,12 @@ def _columns(header: list[str], where: str) -> dict[str, int]:
         raise SoundingsError(
             f"{where}: the column {sides[0]} is not read. Write degrees south and west as negative numbers, and "
             "remove it"
+        )
+    waters = [name for name in header if _WATER_DEPTH.fullmatch(name)]
+    if waters and depth is not None:
+        raise SoundingsError(
+            f"{where}: {header[depth]} and {waters[0]} are two depths, and the first may be that of a vehicle under "
+            "water. Remove one, and call the other depth_m"
         )
     indices = {key: index for key, index in wanted.items() if index is not None}
     if "depth" not in indices or not {"north", "lat"} & set(indices):

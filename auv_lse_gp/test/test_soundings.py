@@ -1,5 +1,7 @@
 """Files of soundings: the dialects that are read, and what is said about the others."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,14 @@ def test_hemispheres_in_columns_of_their_own_are_refused(tmp_path, names):
     path = tmp_path / "survey.csv"
     path.write_text(f"{names},depth_m\n16.8,S,6.6,W,10\n")
     with pytest.raises(SoundingsError, match=r"survey\.csv:1: the column (n/s|lat_dir) is not read.*negative numbers"):
+        read_table(path)
+
+
+@pytest.mark.parametrize("name", ["Bottom Depth", "water_depth_m", "TotalDepth (m)"])
+def test_two_depths_are_refused_because_one_may_be_of_a_vehicle_under_water(tmp_path, name):
+    path = tmp_path / "survey.csv"
+    path.write_text(f"lat,lon,Depth,{name}\n46.5,6.6,1.5,12.5\n46.501,6.6,1.5,13.5\n")
+    with pytest.raises(SoundingsError, match=rf"survey\.csv:1: depth and {re.escape(name.lower())} are two depths"):
         read_table(path)
 
 
