@@ -41,6 +41,7 @@ def add_graticule(
     (west, east), (south, north) = axis.get_xlim(), axis.get_ylim()
     corners_n, corners_e = np.array([south, south, north, north]), np.array([west, east, west, east])
     lat, lon = geodetic_from_local(corners_n, corners_e, *origin)
+    lon = origin[1] + (lon - origin[1] + 180.0) % 360.0 - 180.0  # without a jump at the antimeridian
     ends = np.linspace(0.0, 1.0, 9)
     at_north: list[tuple[float, str]] = []
     at_east: list[tuple[float, str]] = []
@@ -53,7 +54,7 @@ def add_graticule(
     for value in values:
         n, e = local_from_geodetic(lat.min() + ends * np.ptp(lat), np.full_like(ends, value), *origin)
         axis.plot(e, n, scalex=False, scaley=False, **GRATICULE)
-        at_east.append((float(np.interp(north, n, e)), degrees(value, digits, "EW")))
+        at_east.append((float(np.interp(north, n, e)), degrees((value + 180.0) % 360.0 - 180.0, digits, "EW")))
     if latitudes:
         _label(axis.secondary_yaxis("right"), "yaxis", [row for row in at_north if south <= row[0] <= north])
     if longitudes:

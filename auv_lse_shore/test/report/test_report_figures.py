@@ -13,6 +13,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.report import report_figures
 from auv_lse_shore.report.figures import WIDTH_IN, depth_map, local_risk_error, new_figure, risk_maps
@@ -77,3 +78,18 @@ def test_longitudes_above_narrow_maps_do_not_run_into_each_other(panels):
         boxes = [label.get_window_extent() for label in top.get_xticklabels()]
         assert len(boxes) >= 2
         assert all(a.x1 < b.x0 for a, b in itertools.pairwise(boxes))
+
+
+def test_longitudes_on_both_sides_of_the_antimeridian_are_labeled_at_their_locations():
+    figure = new_figure(WIDTH_IN, 5.0)
+    axis = figure.subplots()
+    axis.set_xlim(-300.0, 300.0)
+    axis.set_ylim(-300.0, 300.0)
+    origin = (-16.8, -179.9997)
+    add_graticule(axis, origin)
+    *_, top = axis.child_axes
+    east_of = {label.get_text(): at for at, label in zip(top.get_xticks(), top.get_xticklabels(), strict=True)}
+    assert {text[-1] for text in east_of} == {"E", "W"}
+    for text, east in east_of.items():
+        lon = float(text[:-3]) * (1.0 if text[-1] == "E" else -1.0)
+        assert local_from_geodetic(origin[0], lon, *origin)[1] == pytest.approx(east, abs=2.0)
