@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from adjust.survey_logs import START_S
@@ -351,3 +353,15 @@ def test_hours_and_minutes_in_one_number_have_fractions_of_a_minute(tmp_path, ho
     found = gathered(tmp_path, lines("DATE,TIME,LAT,LON,DEPTH", row))
     checked(found, starts=None)
     assert utc(found.placed[0].soundings[0, 0]) == f"2026-06-14T{hour:02d}:15:00"
+
+
+@pytest.mark.parametrize("name", ["Uhrzeit (MESZ)", "Time PDT", "time [CEST]"])
+def test_the_name_of_a_zone_in_a_header_is_reported_as_not_read(tmp_path, name):
+    def row(t, a, o, d):
+        return f"{utc(t, '%Y-%m-%d')},{utc(t, '%H:%M:%S')},{a:.8f},{o:.8f},{d:.3f}"
+
+    found = gathered(tmp_path, lines(f"Date,{name},lat,lon,depth", row))
+    checked(found)
+    assert re.search(r"the zone (MESZ|PDT|CEST) is not read", found.lines[0])
+    assert any("--utc-offset" in line for line in found.lines)
+    assert "is not read" not in gathered(tmp_path, lines("Date,START TIME UT,lat,lon,depth", row)).lines[0]

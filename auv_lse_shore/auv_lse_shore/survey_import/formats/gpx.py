@@ -53,7 +53,8 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             _fill(content, stamps, rows)
             return [content]
     count = sum(map(len, points.stamps.values()))
-    raise LogError(f"{file.path} has {count} points without a depth in a known unit. Export depths in metres.")
+    why = " in a known unit. Export depths in metres" if points.units.unclear else "; elevations (<ele>) are no depths"
+    raise LogError(f"{file.path} has {count} points without a depth{why}.")
 
 
 class _Points:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from auv_lse_gp.length_units import METRES, UNIT_NAMES
-from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE
+from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE, HEADER_ZONE_NAME
 from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS
 
 
@@ -155,7 +155,7 @@ _IN_ORDERS = {"y", "m", "mm", "d", "dd", "h", "s"}
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
     """What a column's name means; None if it is not used."""
-    text = _SIDE_AT_END.sub(" ", name.strip().strip("\"'"))
+    text = _SIDE_AT_END.sub(" ", HEADER_ZONE_NAME.sub("", name.strip().strip("\"'")))
     text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", _FREQUENCY.sub("", text.lower())))
     if match := _BRACKETS.search(text):
         unit = match[1].strip()

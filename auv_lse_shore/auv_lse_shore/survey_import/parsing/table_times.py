@@ -25,6 +25,7 @@ from auv_lse_shore.survey_import.parsing.columns import (
 )
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import (
+    HEADER_ZONE_NAME,
     UTC_FROM_S,
     are_compact,
     are_four_digits,
@@ -121,6 +122,8 @@ def _time(
     if ":" in first and (zone := _ZONE_NAME.search(first)):
         content.notes.append(f"column {column.name}: the zone{zone[0]} is not read")
         texts = [_ZONE_NAME.sub("", text) for text in texts]
+    elif zone := HEADER_ZONE_NAME.search(column.name):
+        content.notes.append(f"column {column.name}: the zone {zone[0]} is not read")
     is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
     is_utc = is_utc or first.strip().endswith(("Z", "UTC", "GMT"))
     sample = texts[:: len(texts) // _SAMPLED + 1]

@@ -88,6 +88,10 @@ _PLAIN_OFFSET = re.compile(r"(?:UTC|GMT)? *([+-]?\d+(?:\.\d*)?)")
 _MOST_AHEAD_S = 14.0 * 3600.0
 #: A zone in the header of a column, such as "UTC+2".
 HEADER_ZONE = re.compile(r"(?<![a-z])(?:utc|gmt)\s*([+-])\s*(0?\d|1[0-4])(?::?(\d{2}))?(?!\d)", re.IGNORECASE)
+#: The name of a zone there, whose offset is not known.
+HEADER_ZONE_NAME = re.compile(
+    r"(?<=[ _(\[-])(MES?Z|(CE|EE|WE)S?T|[BI]ST|(E|C|M|P|AK|H|AE|AC|AW|NZ|J)ST|(E|C|M|P|AK|AE|AC|NZ)DT|MSK)\b"
+)
 #: Letters of times that NumPy reads.
 _ISO_LETTERS = frozenset("0123456789-:.TZ \n")
 
