@@ -344,7 +344,7 @@ def test_stamps_of_ros_messages(tmp_path):
     checked(gathered(tmp_path, lines(header, lambda t, a, o, d: f"{t:.0f},5,{a:.8f},{o:.8f},{d:.3f}")))
 
 
-@pytest.mark.parametrize(("hour", "step_min"), [(8, 1.0 / 60.0), (14, 1.01)])
+@pytest.mark.parametrize(("hour", "step_min"), [(8, 1.0 / 60.0), (14, 1.0 / 60.0), (14, 1.01)])
 def test_hours_and_minutes_in_one_number_have_fractions_of_a_minute(tmp_path, hour, step_min):
     def row(t, a, o, d):
         minutes = (t - START_S) * step_min + 60.0 * hour + 15.0

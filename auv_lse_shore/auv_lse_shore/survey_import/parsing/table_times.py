@@ -44,7 +44,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     zoned_of,
 )
 from auv_lse_shore.survey_import.parsing.units import TIME_UNITS
-from auv_lse_shore.survey_import.survey_log import JUMP_M, LogError
+from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,10 @@ def _time(
     is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
     is_utc = is_utc or first.strip().endswith(("Z", "UTC", "GMT"))
     sample = texts[:: len(texts) // _SAMPLED + 1]
-    are_of_day = are_six_digits(sample) or (has_date(table.columns) and are_four_digits(sample))
+    are_of_day = are_six_digits(sample) or (
+        has_date(table.columns)
+        and are_four_digits(sample, _are_too_fast(numbers_of(texts, table.decimal_comma), steps_m))
+    )
     are_digits = are_compact(sample) or (are_of_day and column.unit not in TIME_UNITS)
     if not are_digits and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
@@ -153,6 +156,13 @@ def _time(
         stamps = stamps if has_zone else stamps - header_zone_s(column.name)
         content.notes += [_ORDER_NOTE] * assumed
     return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
+
+
+def _are_too_fast(time_s: Array, steps_m: Array) -> bool:
+    """Whether a boat that moves by `steps_m` (n - 1) between rows is faster than any, if these are its seconds (n,)."""
+    known = time_s[np.isfinite(time_s)]
+    way_m = float(np.nansum(steps_m[np.isfinite(steps_m)]))
+    return bool(len(known)) and way_m > MAX_SPEED_MPS * float(np.ptp(known))
 
 
 def _are_minutes_and_seconds(texts: Sequence[str], column: Column, table: Table, steps_m: Array) -> bool:

@@ -169,16 +169,25 @@ def are_six_digits(texts: Sequence[str]) -> bool:
     return bool(known) and all(map(_SIX_DIGITS.fullmatch, known)) and bool(np.isfinite(of_day_s(known)).all())
 
 
-def are_four_digits(texts: Sequence[str]) -> bool:
+def are_four_digits(texts: Sequence[str], are_no_seconds: bool = False) -> bool:
     """Whether all texts that are not blank are times such as "1403" or "1403.25".
 
     Seconds of the day have no 0 before them, and are hardly the same for long, or all below 60 in each hundred.
+
+    Args:
+        texts: The times.
+        are_no_seconds: Whether they cannot be seconds of the day.
     """
     known = [text.strip() for text in texts if text.strip()]
     if not known or not all(map(_FOUR_DIGITS.fullmatch, known)) or np.isnan(of_day_s(known)).any():
         return False
     least = min(known)
-    return 2 * len(set(known)) <= len(known) or float(max(known)) - float(least) >= 100.0 or least.startswith("0")
+    return (
+        are_no_seconds
+        or 2 * len(set(known)) <= len(known)
+        or float(max(known)) - float(least) >= 100.0
+        or least.startswith("0")
+    )
 
 
 def are_compact(texts: Sequence[str]) -> bool:
