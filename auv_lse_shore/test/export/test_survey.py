@@ -398,6 +398,10 @@ def test_crowdsourced_bathymetry_follows_b12(for_b12):
     assert re.fullmatch(r"2027-01-15T08:00:0\d\.\d{3}Z", first["properties"]["time"])
     assert len(first["properties"]["uncertainty"]) == 3
     assert first["geometry"]["coordinates"] == pytest.approx([ORIGIN[1], ORIGIN[0]], abs=0.01)
+    assert collection["properties"]["platform"]["type"] == "autonomous underwater vehicle"
+    run.vehicles[1].decisions.clear()  # as of an imported log, which may be a boat's
+    crowdsourced.write(export)
+    assert "type" not in json.loads((tmp_path / "soundings_b12_auv2.geojson").read_text())["properties"]["platform"]
     assert crowdsourced.write(dataclasses.replace(export, survey=Survey())).endswith("EMAIL is not given")
     assert not list(tmp_path.glob("*.geojson"))
 

@@ -69,6 +69,8 @@ def _collection(export: Export, dives: list[VehicleRun]) -> dict[str, Any]:
     number = dives[0].vehicle
     unique = uuid.uuid5(uuid.NAMESPACE_URL, f"{email}/auv{number}")
     vessel = f"{node if node[:1].isalpha() else f'A{node}'}-{unique}"
+    # an imported log has no plans, and may be a boat's
+    kind = {"type": "autonomous underwater vehicle"} if any(dive.decisions for dive in dives) else {}
     last = _utc(max(float(dive.soundings.stamp_s.max()) for dive in dives))
     return {
         "type": "FeatureCollection",
@@ -87,7 +89,7 @@ def _collection(export: Export, dives: list[VehicleRun]) -> dict[str, Any]:
                 "vesselPositionReferencePoint": "Transducer",
             },
             "platform": {
-                "type": "autonomous underwater vehicle",
+                **kind,
                 "name": f"auv{number}",
                 "soundSpeedDocumented": survey.sound_speed is not None,
                 "positionOffsetsDocumented": False,
