@@ -6,8 +6,10 @@ import numpy as np
 from adjust.survey_logs import START_S
 from verb_main import verb_main
 
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.judge.team_map import team_map
+from auv_lse_shore.positions.adjustment import adjust
 
 main = verb_main("import")
 
@@ -22,3 +24,27 @@ def test_the_error_of_gps_lasts_for_minutes_and_is_not_averaged_away(tmp_path):
     (vehicle,) = team_map(read_run(tmp_path / "run")).run.vehicles
     assert np.diff([fix.stamp_s for fix in vehicle.fixes]).min() >= 300.0
     assert np.median(vehicle.position_std_at(vehicle.soundings.stamp_s)) > 0.6 * 1.5
+
+
+def test_errors_of_gps_that_last_ten_minutes_are_within_the_stated_deviation(tmp_path):
+    """Lanes and cross lanes over a known bottom. A fix each minute and hardly any drift gave 6.5."""
+    along = np.arange(0.0, 301.0, 3.0)
+    lanes = [(along[:: 1 - 2 * (k % 2)], np.full(len(along), k * 300.0 / 7.0)) for k in range(8)]
+    true_m = np.concatenate([np.column_stack(pair) for lane in (lanes, [p[::-1] for p in lanes]) for pair in lane])
+    times, normalized = START_S + 2.0 * np.arange(len(true_m)), []
+    for seed in range(2):
+        rng, kept = np.random.default_rng(seed), np.exp(-2.0 / 600.0)
+        waves, phases = rng.uniform(0.01, 0.05, (6, 2)), rng.uniform(0.0, 6.0, 6)
+        depths = 12.0 + 1.3 * np.sin(true_m @ waves.T + phases).sum(axis=1) + 0.05 * rng.standard_normal(len(times))
+        errors = [1.5 * rng.standard_normal(2)]
+        for _ in times[1:]:
+            errors.append(kept * errors[-1] + 1.5 * np.sqrt(1.0 - kept**2) * rng.standard_normal(2))
+        lat, lon = geodetic_from_local(*(true_m + errors).T, 46.5, 6.6)
+        table, folder = tmp_path / f"gps{seed}.csv", tmp_path / f"run{seed}"
+        np.savetxt(table, np.column_stack([times, lat, lon, depths]), "%.8f", ",", header="unix_time,lat,lon,depth")
+        assert main([str(table), "--origin", "46.5", "6.6", "--out", str(folder)]) == 0
+        (vehicle,) = adjust([read_run(folder)]).runs[0].vehicles
+        rows = np.round((vehicle.soundings.stamp_s - START_S) / 2.0).astype(int)
+        off_m = vehicle.soundings.points_m[:, :2] - true_m[rows]
+        normalized.append(((off_m / vehicle.position_std_at(vehicle.soundings.stamp_s)) ** 2).mean())
+    assert np.mean(normalized) < 4.0
