@@ -52,9 +52,8 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         if np.isfinite(rows[:, 2]).any():
             _fill(content, stamps, rows)
             return [content]
-    count = sum(map(len, points.stamps.values()))
     why = " in a known unit. Export depths in metres" if points.units.unclear else "; elevations (<ele>) are no depths"
-    raise LogError(f"{file.path} has {count} points without a depth{why}.")
+    raise LogError(f"{file.path} has {sum(map(len, points.stamps.values()))} points without a depth{why}.")
 
 
 class _Points:
