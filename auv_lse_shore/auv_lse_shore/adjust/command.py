@@ -95,7 +95,7 @@ def adjusted(
     vehicles = [vehicle for run in runs for vehicle in run.vehicles]
     soundings = counted(sum(len(v.soundings) for v in vehicles), "sounding")
     yield f"estimating positions: {soundings} of {counted(len(vehicles), 'vehicle')}"
-    adjustment = adjust(runs)
+    adjustment = adjust(runs, crossings=True)
     text = report(adjustment, runs, names)
     yield text.rstrip("\n")
     if with_report:

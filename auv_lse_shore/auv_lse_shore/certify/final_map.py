@@ -105,7 +105,9 @@ def corrected_runs(recorded: Recorded) -> tuple[RunData, str]:
     if not corrects_positions(run):
         return run, "as the vehicles recorded them"
     try:
-        return merged(adjust(recorded.runs).runs), "estimated from fixes, ranges and track crossings (auv_lse adjust)"
+        adjustment = adjust(recorded.runs)
+        crossings = ", ranges and track crossings" if adjustment.correction.model.config.terrain else " and ranges"
+        return merged(adjustment.runs), f"estimated from fixes{crossings}"
     except AdjustError as error:
         return run, f"as the vehicles recorded them: {error}"
 

@@ -32,6 +32,7 @@ from auv_lse_shore.positions.recordings import (
     raw_positions,
     recordings_of,
     segments_of,
+    track_times_s,
 )
 
 Array = NDArray[np.float64]
@@ -117,8 +118,11 @@ def corrects_positions(run: RunData) -> bool:
     return bool(positions_of(parameters_for(run.parameters, f"/auv{number}/gp_node"), "mission file").correct)
 
 
-def adjust(runs: Sequence[RunData]) -> Adjustment:
+def adjust(runs: Sequence[RunData], crossings: bool = False) -> Adjustment:
     """Estimates where the soundings of all runs were taken.
+
+    Args:
+        crossings: Whether tracks that cross measured the same depth, even with `positions.terrain: false`.
 
     Raises:
         AdjustError: if every recording lacks what is needed, the runs have different origins, or share soundings.
@@ -130,6 +134,7 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
     first = usable[0]
     nested = parameters_for(runs[first.run].parameters, f"/auv{first.data.vehicle}/gp_node")
     config = positions_of(nested, "mission file")
+    config = dataclasses.replace(config, terrain=config.terrain or crossings)
     settings = PlannerSettings.from_parameters(nested, "mission file", first.data.vehicle)
     team = TeamMeasurements.of(usable, config)
     gp = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area)).gp
@@ -186,8 +191,9 @@ def _check(runs: Sequence[RunData], recordings: Sequence[Recording], usable: Seq
 
 def _adjusted(vehicle: VehicleRun, correction: Correction, key: int) -> VehicleRun:
     """A vehicle with its soundings at their estimated positions."""
-    positions = _in_pieces(correction.positions, key, vehicle.soundings.stamp_s, raw_positions(vehicle))
-    stamps = vehicle.odometry[:, 0]
+    times_s = track_times_s(vehicle, vehicle.soundings.stamp_s)
+    positions = _in_pieces(correction.positions, key, times_s, raw_positions(vehicle))
+    stamps = track_times_s(vehicle, vehicle.odometry[:, 0])
     track = correction.model.vehicles[key].track
     return dataclasses.replace(
         vehicle,
@@ -213,7 +219,8 @@ def _summary(
         return summary
     distance = np.sqrt(((adjusted.soundings.locations_m - old.soundings.locations_m) ** 2).sum(axis=1))
     some = np.unique(np.linspace(0, len(distance) - 1, 200).astype(int))
-    std = correction.position_std_m(key, old.soundings.stamp_s[some], raw_positions(old)[some])
+    times_s = track_times_s(old, old.soundings.stamp_s)
+    std = correction.position_std_m(key, times_s[some], raw_positions(old)[some])
     return dataclasses.replace(
         summary,
         mean_m=float(distance.mean()),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_gp.positions.measurements import FixMeasurement, RangeMeasurement
+from auv_lse_gp.positions.monotonic_clock import SET_AHEAD_S, MonotonicClock
 from auv_lse_gp.positions.smoother import PositionSmoother
 from auv_lse_gp.positions.track import Track
 from auv_lse_gp.positions.track_segments import TrackSegments, segment_track
@@ -92,12 +93,31 @@ def raw_positions(vehicle: VehicleRun) -> Array:
     return np.where(np.isfinite(raw), raw, between)
 
 
+def track_times_s(vehicle: VehicleRun, stamps_s: Array) -> Array:
+    """Times (n,) on a vehicle's track of stamps (n,) that it recorded.
+
+    The track goes on where stamps jump ahead: the clock was set, or a log pauses.
+    """
+    recorded_s, clock = vehicle.dead_reckoning[:, 0], MonotonicClock()
+    steps_s = np.diff(recorded_s)
+    if not len(steps_s) or steps_s.min() < 0.0 or steps_s.max() <= SET_AHEAD_S:
+        return stamps_s
+    shifts_s = []
+    for stamp_s in recorded_s.tolist():
+        clock.advance(stamp_s)
+        shifts_s.append(clock.set_back_s)
+    row = np.clip(np.searchsorted(recorded_s, stamps_s, side="right"), 0, len(recorded_s) - 1)
+    return np.asarray(
+        stamps_s + np.array(shifts_s)[row]
+    )  # of the row after a stamp: a jump counts from its second row on
+
+
 def segments_of(recordings: Sequence[Recording]) -> TrackSegments:
     """The segments of the tracks along which the recorded soundings were made."""
     own = [(r.key, r.data.soundings, raw_positions(r.data)) for r in recordings]
     return segment_track(
         np.concatenate([np.full(len(soundings), key) for key, soundings, _ in own]),
-        np.concatenate([soundings.stamp_s for _, soundings, _ in own]),
+        np.concatenate([track_times_s(r.data, r.data.soundings.stamp_s) for r in recordings]),
         np.concatenate([raw for _, _, raw in own]),
         np.concatenate([soundings.depth_m for _, soundings, _ in own]),
         MAX_SEGMENTS,
@@ -156,8 +176,9 @@ def _replayed(vehicle: VehicleRun, config: PositionsConfig, recorded: set[int]) 
         smoother.add_dead_reckoning(
             DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=depth)
         )
-    for fix in vehicle.fixes:
-        smoother.add_fix(fix)
+    fix_times_s = track_times_s(vehicle, np.array([fix.stamp_s for fix in vehicle.fixes]))
+    for fix, time_s in zip(vehicle.fixes, fix_times_s.tolist(), strict=True):
+        smoother.add_fix(dataclasses.replace(fix, stamp_s=time_s - smoother.clock.set_back_s))
     heard = vehicle.received[~np.isin(vehicle.received.vehicle, list(recorded))]
     samples = {
         (t, k): heard[(heard.stamp_s == t) & (heard.vehicle == k)].locations_m

@@ -43,8 +43,11 @@ LANE_M = 32.0
 LEAST_WATER_M, ROOM_M = 0.5, 0.2
 #: Fewest soundings of a map.
 LEAST_SOUNDINGS = 10
-#: Positions come from GPS or an estimator: they have neither a heading's nor a log's errors.
+#: Positions come from GPS or an estimator: they have neither a heading's nor a log's errors. Where depths differ at a
+#: crossing, the water level is more likely to have changed than a position by metres. The first fix is their start.
 _NO_DRIFT = {
+    "start_std_m": 100.0,
+    "terrain": False,
     "heading_std_deg": 0.01,
     "harmonic_std_deg": 0.01,
     "scale_std": 1e-5,

@@ -48,3 +48,20 @@ def test_errors_of_gps_that_last_ten_minutes_are_within_the_stated_deviation(tmp
         off_m = vehicle.soundings.points_m[:, :2] - true_m[rows]
         normalized.append(((off_m / vehicle.position_std_at(vehicle.soundings.stamp_s)) ** 2).mean())
     assert np.mean(normalized) < 4.0
+
+
+def test_only_adjust_moves_positions_of_gps_to_where_crossings_agree(tmp_path):
+    """Half a metre of tide between two passes over a slope is no error of GPS: what is exported stays where it was."""
+    north_m = np.tile(np.concatenate([np.arange(0.0, 300.0, 3.0), np.arange(300.0, 0.0, -3.0)]), 2)
+    times = START_S + 2.0 * np.arange(len(north_m)) + 7200.0 * (np.arange(len(north_m)) >= len(north_m) // 2)
+    depths = 5.0 + 0.05 * north_m + np.where(times > START_S + 3600.0, 0.5, 0.0)
+    lat, lon = geodetic_from_local(north_m, np.zeros(len(north_m)), 46.5, 6.6)
+    table, folder = tmp_path / "tide.csv", tmp_path / "run"
+    np.savetxt(table, np.column_stack([times, lat, lon, depths]), "%.8f", ",", header="unix_time,lat,lon,depth")
+    assert main([str(table), "--origin", "46.5", "6.6", "--out", str(folder)]) == 0
+    recorded = read_run(folder)
+    (vehicle,) = team_map(recorded).run.vehicles
+    np.testing.assert_allclose(vehicle.soundings.locations_m, recorded.vehicles[0].soundings.locations_m, atol=1e-6)
+    stds_m = vehicle.position_std_at(vehicle.soundings.stamp_s)
+    assert 1.0 < stds_m.min() <= stds_m.max() < 2.2  # before the pause of two hours and after it
+    assert adjust([recorded], crossings=True).vehicles[0].mean_m > 0.5
