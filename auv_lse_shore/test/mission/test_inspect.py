@@ -234,7 +234,7 @@ def test_params(run: Run) -> None:
 
 
 def test_a_mission_is_started_held_and_aborted(run: Run) -> None:
-    assert run("run", "go", "auv1") == "auv1: WAITING: no position has arrived yet\n"
+    """The vehicle has no odometry, and waits for GO."""
     assert run("run", "state").startswith("auv1: WAITING: waits for GO\n")
     assert run("run", "go", "auv1") == "auv1: WAITING: no position has arrived yet\n"
     assert run("run", "hold", "all", "--spin-time", "0.5").startswith("auv1: HOLDING: HOLD by ")

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -81,6 +82,14 @@ def set_parameter(b: Bench, node: str, name: str, value: object) -> object:
     return future.result().results[0]
 
 
+def runs_with_a_position(states: list[MissionState], odometry: Any) -> bool:
+    """Publishes a position; whether the mission, which waits for one, runs."""
+    message = Odometry(header=header(time.time()))
+    message.pose.pose.orientation.w = 1.0
+    odometry.publish(message)
+    return bool(states) and states[-1].state == MissionState.RUNNING
+
+
 def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> None:
     with bench(tmp_path) as b:
         b.start("auv_lse_gp", "gp_node", PARAMETERS)
@@ -105,7 +114,7 @@ def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> No
         assert value_of(of_gp()[-1], "refused") == "1"
         states = b.collect(MissionState, "/auv1/mission/state")  # not latched: what was said before it does not get
         b.until(lambda: len(states) > 1, "the mission's state again and again")
-        assert [(s.revision, s.state) for s in states[:2]] == [(1, MissionState.RUNNING)] * 2
+        assert [(s.revision, s.state) for s in states[:2]] == [(1, MissionState.WAITING)] * 2  # for a position
         policy = {element.text for element in ElementTree.fromstring(policy_of(1).partition("\n")[2]).iter()}
         graph = b.node
         for node in ("gp_node", "safety_node"):
@@ -302,7 +311,8 @@ def test_nodes_whose_state_is_not_trusted_hold_and_surface(tmp_path: Path, monke
         for node in nodes:
             b.start("auv_lse_planner", node, PARAMETERS)
         states = b.collect(MissionState, "/auv1/mission/state", LATCHED)
-        b.until(lambda: states and states[-1].state == MissionState.RUNNING, "a mission that runs")
+        odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data, readers=2)
+        b.until(lambda: runs_with_a_position(states, odometry), "a mission that runs")
         files = [journals / f"auv1.{node}.state" for node in nodes]
         b.until(lambda: all(file.exists() for file in files), "two state files")
         for keeper in b.keepers[-2:]:
@@ -316,7 +326,6 @@ def test_nodes_whose_state_is_not_trusted_hold_and_surface(tmp_path: Path, monke
         assert (states[0].state, states[0].action) == (MissionState.HOLDING, MissionState.SURFACE)
         assert "not trusted" in states[0].reason
         waypoints = b.collect(Waypoint, "/auv1/waypoint", LATCHED)
-        odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data, readers=2)
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
         message = Odometry(header=header(time.time()))
         message.pose.pose.orientation.w = 1.0
@@ -346,7 +355,8 @@ def test_the_watch_goes_on_while_the_disk_is_stuck(tmp_path: Path, monkeypatch: 
         states = b.collect(MissionState, "/auv1/mission/state", LATCHED)
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
         commands = b.publisher(MissionCommand, "/auv1/mission/command")
-        b.until(lambda: states and states[-1].state == MissionState.RUNNING, "a mission that runs")
+        odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)
+        b.until(lambda: runs_with_a_position(states, odometry), "a mission that runs")
         stuck.touch()
         try:
             commands.publish(MissionCommand(command=MissionCommand.ABORT, source="me"))
