@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Callable
 
 import pytest
 
@@ -462,7 +463,9 @@ def stale(vehicle: Vehicle) -> None:
     ],
 )
 @pytest.mark.parametrize("has_autopilot", [False, True])
-def test_a_mission_that_is_given_go_without_a_position_waits_for_one(before, words, has_autopilot) -> None:  # type: ignore[no-untyped-def]  # a table of functions
+def test_a_mission_that_is_given_go_without_a_position_waits_for_one(
+    before: Callable[[Vehicle], object], words: str, has_autopilot: bool
+) -> None:
     vehicle = Vehicle(has_autopilot, at_once=False)
     if has_autopilot:
         vehicle.watch.autopilot(OK)
