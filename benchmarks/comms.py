@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.world import ChannelConfig
@@ -24,8 +23,6 @@ from auv_lse_sim.water.channel import Channel, Position, snr_db
 from benchmarks.command import end_with, parser_of
 from benchmarks.navigation.channel_loss import loss_at_range
 from benchmarks.rows import Row, row
-
-Array = NDArray[np.float64]
 
 LIMITS = Limits(
     steps=100,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 _FOOT_M, _SURVEY_FOOT_M, _FATHOM_M = 0.3048, 1200.0 / 3937.0, 1.8288
 #: Metres per unit, by its names in lower case.

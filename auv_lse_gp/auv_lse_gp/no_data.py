@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array, Mask
 
 #: Values that commonly mark missing data, with either sign.
 NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
@@ -23,7 +23,7 @@ _FILL_SHARE, _FILL_COUNT, _APART_OFTEN, _OTHERS = 0.005, 4, 0.1, 5
 _SAMPLED = 100_000
 
 
-def is_no_data(values: ArrayLike) -> NDArray[np.bool_]:
+def is_no_data(values: ArrayLike) -> Mask:
     """Mask of the values that usually mark missing data."""
     return np.isin(np.abs(values), NO_DATA)
 

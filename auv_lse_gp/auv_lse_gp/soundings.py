@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.no_data import fill_values, is_no_data
 from auv_lse_gp.soundings_table import SoundingsError, SoundingsTable, read_table
-
-Array = NDArray[np.float64]
 
 #: If all positions are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong
 #: origin).

@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.plurals import counted
 from auv_lse_gp.length_units import is_unit_name, stated_units, unit_column
 from auv_lse_gp.no_data import fill_values, is_no_data
-
-Array = NDArray[np.float64]
 
 #: Accepted column names, in lower case.
 _NORTH = ("north_m", "n_m", "y_m", "northing_m", "northing")
@@ -77,7 +76,7 @@ class SoundingsTable:
     """
 
     path: Path
-    lines: NDArray[np.int64]
+    lines: Ints
     depth_name: str
     upward: bool
     values: Array
@@ -179,7 +178,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
 
 
 def _stated_units(
-    path: Path, header: list[str], indices: dict[str, int], texts: dict[int, list[str]], lines: NDArray[np.int64]
+    path: Path, header: list[str], indices: dict[str, int], texts: dict[int, list[str]], lines: Ints
 ) -> tuple[Array | float, list[int]]:
     """Metres per unit of each depth (n,), or of all of them, and the number of the column that states them, if any.
 
@@ -203,7 +202,7 @@ def _stated_units(
     return stated, [column.number]
 
 
-def _check_marks(values: Array, lines: NDArray[np.int64], where: str, name: str) -> None:
+def _check_marks(values: Array, lines: Ints, where: str, name: str) -> None:
     """Raises SoundingsError if some values (n,) of a table mark missing data."""
     is_marked = is_no_data(values)
     marks = np.flatnonzero(is_marked | np.isin(values, fill_values(values[~is_marked])))

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import prior_mean
@@ -23,8 +23,6 @@ from auv_lse_gp.positions.position_corrector import PositionCorrector
 from auv_lse_gp.positions.smoother import PositionSmoother
 from auv_lse_gp.positions.terrain_matching import Terrain
 from auv_lse_gp.positions.track_segments import segment_track
-
-Array = NDArray[np.float64]
 
 LEG_M = 24.0
 #: Area and parameters of the map that `played` returns.

@@ -7,12 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_planner.search.uct import Actions, SearchResult, Valuer, run_search
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -176,7 +173,7 @@ class TreeSearch:
 
 
 def exhaustive_search(
-    choices: Callable[[Array], NDArray[np.int64]],
+    choices: Callable[[Array], Ints],
     end_state: Callable[[Array, int], Array],
     valuer: Valuer,
     state: Array,

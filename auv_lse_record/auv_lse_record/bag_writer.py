@@ -17,6 +17,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Ints
 from auv_lse_record.message_types import definitions, types_of
 
 #: Separator of the definitions of a type and of the types in it.
@@ -169,7 +170,7 @@ class BagWriter:
             storage.close_chunk()
             storage.bio.flush()
 
-    def write_rows(self, topic: str, stamps_ns: NDArray[np.int64], rows: NDArray[np.uint8]) -> None:
+    def write_rows(self, topic: str, stamps_ns: Ints, rows: NDArray[np.uint8]) -> None:
         """Writes many messages of equal size: CDR bytes (n, size), stamped `stamps_ns` (n,), in order."""
         if not len(stamps_ns):
             return
@@ -224,7 +225,7 @@ class _Index:
         """Adds a message."""
         self.extend(np.array([entry]))
 
-    def extend(self, entries: NDArray[np.int64]) -> None:
+    def extend(self, entries: Ints) -> None:
         """Adds messages, shape (n, 2)."""
         self._entries.append(entries.astype("<u8"))
 

@@ -12,15 +12,13 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.topics.records import Reception, Transmission
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Soundings
-
-Array = NDArray[np.float64]
 
 
 class DepthSource(Protocol):
@@ -176,7 +174,7 @@ class GroundGrid:
     north_m: Array
     east_m: Array
     depth_m: Array
-    inside: NDArray[np.bool_]
+    inside: Mask
 
     @property
     def resolution_m(self) -> float:
@@ -184,9 +182,9 @@ class GroundGrid:
         return float(self.north_m[1] - self.north_m[0])
 
     @property
-    def scored(self) -> NDArray[np.bool_]:
+    def scored(self) -> Mask:
         """Evaluated cells: inside the area and of known depth, shape (R, C)."""
-        scored: NDArray[np.bool_] = self.inside & np.isfinite(self.depth_m)
+        scored: Mask = self.inside & np.isfinite(self.depth_m)
         return scored
 
     @property
@@ -196,7 +194,7 @@ class GroundGrid:
         return np.column_stack([north.ravel(), east.ravel()])
 
     @classmethod
-    def sample(cls, ground: DepthSource, north_m: Array, east_m: Array, inside: NDArray[np.bool_]) -> GroundGrid:
+    def sample(cls, ground: DepthSource, north_m: Array, east_m: Array, inside: Mask) -> GroundGrid:
         """The true ground on a grid; `inside` (R, C): whether a position is in the operating area."""
         north, east = np.meshgrid(north_m, east_m, indexing="ij")
         depth = np.asarray(ground.depth_m(north.ravel(), east.ravel()), dtype=float).reshape(north.shape)

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.degrees import AreaReader
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.records import BoundReport, HealthReport, PlanReport, RunReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
 from auv_lse_common.vocabulary.mission_run import RunState
@@ -32,7 +32,6 @@ from auv_lse_record.run_data import (
     origin_of,
 )
 
-Array = NDArray[np.float64]
 Patterns = dict[str, dict[str, Any]]
 
 #: Topics of the run data, by their name in the table.

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.codecs import Fields
 from auv_lse_common.topics.columns import odometry_columns, sounding_columns, stamps_ns
 from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport, Reception
@@ -24,8 +24,6 @@ from auv_lse_record.message_types import make_message, message_folder, project_t
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT, RecordingError
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_record.software import version
-
-Array = NDArray[np.float64]
 
 #: Messages of tracks and soundings that are made at once.
 _AT_ONCE = 1000

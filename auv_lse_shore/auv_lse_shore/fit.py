@@ -13,10 +13,10 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import KERNELS
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.atomic_files import check_file, write_whole
 from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.support.plurals import counted
@@ -24,8 +24,6 @@ from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_gp.soundings import read_soundings_and_origin
 from auv_lse_record.recording import Recording, recording_in
-
-Array = NDArray[np.float64]
 
 _UNITS = {"mean_slope_north": "m/m", "mean_slope_east": "m/m", "rotation_deg": "deg"}
 

@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE
 from auv_lse_shore.campaign.spec import CampaignSpec
-
-Array = NDArray[np.float64]
 
 #: Parameters of a mission that takes a moment.
 TINY = {

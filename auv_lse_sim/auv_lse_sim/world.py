@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Stop
@@ -26,8 +26,6 @@ from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
 from auv_lse_sim.water.channel import Arrival, Channel, land_between
 from auv_lse_sim.water.current import Current
 from auv_lse_sim.water.ranging import Ranging
-
-Array = NDArray[np.float64]
 
 #: Longest time (s) from a packet's start to its last reception: duration and travel time.
 LONGEST_TRAVEL_S = 60.0

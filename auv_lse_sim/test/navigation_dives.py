@@ -5,19 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.vehicle.navigation import COMPASS_SIN
 from auv_lse_sim.vehicle.vehicle import SimVehicle
 from auv_lse_sim.water.current import Current
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_shore.mission.options import check_option
@@ -142,7 +142,7 @@ class VehicleDay:
         self._now: Strike | None = None
         self._began_s = self._progress_s = time.monotonic()
         self._seen_step = -1
-        self._maps_m: list[NDArray[np.float64]] = []  # centers at each fault that struck the map
+        self._maps_m: list[Array] = []  # centers at each fault that struck the map
         self._kills = dict.fromkeys(NODES, 0)
 
     @property

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.bridge import ModemBridge
@@ -29,8 +29,6 @@ from auv_lse_sim.engine.fleet import Fleet, VehicleCores
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.water.channel import Arrival
 from benchmarks.faults.report import Report
-
-Array = NDArray[np.float64]
 
 #: The vehicle in whose name the forger sends.
 VICTIM = 2

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
@@ -55,7 +55,7 @@ def memory_mb() -> float:
 
 
 def _loaded(
-    output: VehicleOutput, fleet: Fleet, now_s: float, corners: NDArray[np.float64], rng: np.random.Generator
+    output: VehicleOutput, fleet: Fleet, now_s: float, corners: Array, rng: np.random.Generator
 ) -> VehicleOutput:
     """A tick's output with soundings at `SOUNDINGS_HZ`, and the packets of those that babble."""
     count = len(output.soundings)

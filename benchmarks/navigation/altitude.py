@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.safety.altitude_keeper import LAG_S
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_mavlink.messages.datum import Origin
@@ -24,8 +24,6 @@ from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.world import VehicleOutput, World
 from benchmarks.rows import Row, row
-
-Array = NDArray[np.float64]
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 #: Altitude asked for, travel depth, length of a leg (m), and speed (m/s).

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from auv_lse_common.mission_file.sections.world import ChannelConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_sim.water.channel import frame_error_rate, snr_db
-
-Array = NDArray[np.float64]
 
 
 def loss_at_range(range_m: ArrayLike, config: ChannelConfig) -> Array:

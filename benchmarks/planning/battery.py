@@ -9,12 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.safety.battery_use import BatteryUse
+from auv_lse_common.support.arrays import Array
 from benchmarks.rows import Row, row
-
-Array = NDArray[np.float64]
 
 #: Charge that must be left, length of a leg (m), its parts, and readings of each.
 RESERVE, LEG_M, PARTS, READINGS = 0.2, 25.0, 10, 2

@@ -20,10 +20,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_gp.level_set.lines import near, resample
 from auv_lse_gp.map import certainty
 from auv_lse_gp.map.certainty import Piece
@@ -43,8 +43,6 @@ KINDS = ("valley", "rough", "gaussian")
 #: Number of windows of a real lake for each number of vehicles.
 WINDOWS = 10
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Row = dict[str, Any]
 
 

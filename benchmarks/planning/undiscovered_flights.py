@@ -13,16 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.mission_file.sections.world import LakeConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks.planning.areas import area, lake
 from benchmarks.planning.planner_loop import light_mission
-
-Array = NDArray[np.float64]
 
 #: Share of packets lost.
 LOSS = 0.07

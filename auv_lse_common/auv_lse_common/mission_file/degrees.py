@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, nest
 from auv_lse_common.mission_file.sections.area import corners
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_CORNERS
 from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 
-Array = NDArray[np.float64]
 Patterns = dict[str, dict[str, Any]]
 
 #: How to name what is in a file; ends messages about features that are not understood.

@@ -7,13 +7,12 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.area import AreaConfig, corners
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.input_bounds import MAX_CELLS, MAX_RASTER_NODES
-
-Array = NDArray[np.float64]
 
 #: Begin of the names of no-go areas that stand for ground which no vehicle can reach.
 UNREACHABLE = "unreachable_"
@@ -33,7 +32,7 @@ class Grid:
 
     north_m: Array
     east_m: Array
-    inside: NDArray[np.bool_]
+    inside: Mask
     resolution_m: float
 
     @cached_property
@@ -102,7 +101,7 @@ class OperatingArea:
                 there &= ~inside
         return float(np.count_nonzero(left_out & there)) * step**2
 
-    def contains(self, locations_m: ArrayLike) -> NDArray[np.bool_]:
+    def contains(self, locations_m: ArrayLike) -> Mask:
         """Mask (P,) of the positions (P, 2) inside the polygon and outside all no-go areas."""
         positions = np.asarray(locations_m, dtype=float).reshape(-1, 2)
         inside = _in_polygon(self.polygon, positions)
@@ -224,7 +223,7 @@ def free_m2(config: AreaConfig) -> float:
     return whole_m2 * max(float(free.sum()), 1.0) / max(float(inside.sum()), 1.0)
 
 
-def _in_polygon(polygon: Array, positions: Array) -> NDArray[np.bool_]:
+def _in_polygon(polygon: Array, positions: Array) -> Mask:
     """Mask (P,) by the even-odd rule, exact up to rounding.
 
     Shapely is unsuitable: it puts positions on the border outside, and grids and rasters have centers there.
@@ -239,7 +238,7 @@ def _in_polygon(polygon: Array, positions: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def _raster_in_polygon(polygon: Array, north: Array, east: Array) -> NDArray[np.bool_]:
+def _raster_in_polygon(polygon: Array, north: Array, east: Array) -> Mask:
     """`_in_polygon` for the nodes of a raster (R, C): each edge affects only the rows that it spans."""
     inside = np.zeros((len(north), len(east)), dtype=bool)
     for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):

@@ -28,9 +28,8 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Length of a stretch (m).
 STRETCH_M = 25.0

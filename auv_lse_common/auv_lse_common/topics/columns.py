@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.vocabulary.frames import wrap_pi
 from auv_lse_common.vocabulary.sounding import Soundings
 
-Array = NDArray[np.float64]
 #: Where a number is in a message's fields, such as ("pose", "covariance", 7), and its values (n,) in n messages.
 Columns = dict[tuple[str | int, ...], NDArray[Any]]
 
 
-def stamps_ns(stamps_s: Array) -> NDArray[np.int64]:
+def stamps_ns(stamps_s: Array) -> Ints:
     """Stamps (s), shape (n,), in whole nanoseconds."""
-    rounded: NDArray[np.int64] = np.rint(stamps_s * 1e9).astype(np.int64)
+    rounded: Ints = np.rint(stamps_s * 1e9).astype(np.int64)
     return rounded
 
 

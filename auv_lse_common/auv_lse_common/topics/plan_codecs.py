@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.codecs import Fields, header_fields
 from auv_lse_common.topics.records import PlanReport, RunReport, Waypoint
 from auv_lse_common.vocabulary.frames import quaternion_from_heading
@@ -52,7 +50,7 @@ def decode_plan(message: Any) -> PlanReport:
     return PlanReport(stamp_s=seconds(message.header.stamp), vehicle=int(message.vehicle), plan=plan)
 
 
-def encode_path(value: tuple[float, NDArray[np.float64], float], vehicle: int) -> Fields:
+def encode_path(value: tuple[float, Array, float], vehicle: int) -> Fields:
     """Path of (stamp (s), states (n, 3): heading, north, east, depth (m))."""
     stamp_s, states, depth_m = value
     header, poses = header_fields(stamp_s), []

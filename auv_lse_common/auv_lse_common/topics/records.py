@@ -12,16 +12,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import UNKNOWN, Covariance
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan
 
-Array = NDArray[np.float64]
 #: Time (s) in a message's own field, in addition to its header.
 Time = float
 

@@ -12,11 +12,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from auv_lse_common.support.arrays import Array
 
 #: Covariance of heading (rad), north and east (m): rows and columns.
-Covariance = Sequence[Sequence[float]] | NDArray[np.float64]
+Covariance = Sequence[Sequence[float]] | Array
 #: All zeros, as in nav_msgs.
 UNKNOWN: Covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 

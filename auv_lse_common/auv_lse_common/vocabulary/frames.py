@@ -11,9 +11,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Largest plausible distance (m) from the map's origin, north or east.
 FARTHEST_M = 1e6

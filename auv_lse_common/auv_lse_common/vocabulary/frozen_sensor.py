@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+
+from auv_lse_common.support.arrays import Array, Mask
 
 #: A frozen sensor repeats its value more often than this, while the vehicle moves at least this far (m).
 REPEATS = 10
@@ -54,11 +55,11 @@ class FrozenSensor:
 
 
 def frozen_values(
-    values_m: NDArray[np.float64],
-    north_m: NDArray[np.float64],
-    east_m: NDArray[np.float64],
+    values_m: Array,
+    north_m: Array,
+    east_m: Array,
     flattest: float,
-) -> NDArray[np.bool_]:
+) -> Mask:
     """What a new `FrozenSensor` returns for each of many values, shape (n,) each; all at once.
 
     Raises:
@@ -71,5 +72,5 @@ def frozen_values(
     steps_m = np.append(COARSEST_M, np.where(changes != 0.0, np.abs(changes), np.inf))[: len(values_m)]
     moved_m = np.hypot(north_m - north_m[first], east_m - east_m[first])
     far_m = np.maximum(MOVED_M, np.minimum.accumulate(steps_m) / flattest)
-    frozen: NDArray[np.bool_] = (np.arange(len(values_m)) - first > REPEATS) & (moved_m > far_m)
+    frozen: Mask = (np.arange(len(values_m)) - first > REPEATS) & (moved_m > far_m)
     return frozen

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 
 def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float, float, float]:

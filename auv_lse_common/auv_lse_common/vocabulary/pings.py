@@ -8,9 +8,9 @@ their mean time and position, and their median depth, which is robust against wr
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 
 def period_of(stamp_s: ArrayLike, every_s: float) -> Array:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array, Ints
 
 #: Soundings that are iterated over as Python's numbers at a time: those of a survey take far more memory than arrays.
 _AT_A_TIME = 10_000
@@ -47,7 +47,7 @@ class Soundings:
     depth_m: Array
     raw_north_m: Array = math.nan  # type: ignore[assignment]  # broadcast to (n,)
     raw_east_m: Array = math.nan  # type: ignore[assignment]
-    vehicle: NDArray[np.int64] = 0  # type: ignore[assignment]
+    vehicle: Ints = 0  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         """Makes every column an array of the same length.

@@ -19,8 +19,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor, frozen_values
 
 #: Steepest ground (m per m) along a track, and the margin (m) for noise and position errors.
@@ -90,7 +90,7 @@ def _problem(last: Sequence[float], row: Sequence[float]) -> str:
     return "jump" if abs(row[3] - last[3]) > SLOPE * _apart_m(last, row) + SPREAD_M else ""
 
 
-def passing(rows: NDArray[np.float64]) -> tuple[NDArray[np.bool_], Counter[str]]:
+def passing(rows: Array) -> tuple[Mask, Counter[str]]:
     """What a new `SoundingGate` does with a whole survey: mask of the rows that pass, and the counts of the others.
 
     Python looks only at soundings that are implausible after the one before, and at those until the next that passes.

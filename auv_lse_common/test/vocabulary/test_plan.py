@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Plan, Tour
 
 LEG_M = 23.56
@@ -64,7 +64,7 @@ def test_tour_waypoints_are_identical():
     assert [v.hex() for v in got[-1].tolist()] == ["0x1.853d60d6947b6p+7", "0x1.57e6ca1563d72p+7"]
 
 
-def from_polyline_m(locations_m: NDArray[np.float64], polyline_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def from_polyline_m(locations_m: Array, polyline_m: Array) -> Array:
     """Distance (m) of positions (P, 2) to a polyline (n, 2)."""
     starts, steps = polyline_m[:-1], np.diff(polyline_m, axis=0)
     to = locations_m[:, None, :] - starts
@@ -74,7 +74,7 @@ def from_polyline_m(locations_m: NDArray[np.float64], polyline_m: NDArray[np.flo
 
 
 @st.composite
-def polylines(draw: st.DrawFn) -> NDArray[np.float64]:
+def polylines(draw: st.DrawFn) -> Array:
     """From a few metres to the longest way that 64 segments hold, from long lanes to hairpins."""
     corners = draw(st.lists(st.tuples(st.floats(-300, 300), st.floats(-300, 300)), min_size=2, max_size=40))
     polyline = np.array(corners)
@@ -84,7 +84,7 @@ def polylines(draw: st.DrawFn) -> NDArray[np.float64]:
 
 @settings(max_examples=300)
 @given(polylines())
-def test_rounding_errors_do_not_accumulate(polyline_m: NDArray[np.float64]):
+def test_rounding_errors_do_not_accumulate(polyline_m: Array):
     if np.hypot(*np.diff(polyline_m, axis=0).T).sum() < 1.0:
         return
     tour = Tour.through(polyline_m, 2, LEG_M)

@@ -18,11 +18,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_comms.packet.codec import Packet
-
-Array = NDArray[np.float64]
 
 #: Largest speed, and progress in steps, as a multiple of this vehicle's own: mates may be faster, and currents help.
 FASTER = 2.0
@@ -260,7 +258,7 @@ class MateTracks:
         plan_way_m = FASTER * pace.speed_mps * plan_s
         return math.dist(last.start_m, seen.start_m) <= max(plan_way_m, ahead_m) + SPREAD_M
 
-    def reachable(self, track: Track, samples: Array) -> NDArray[np.bool_]:
+    def reachable(self, track: Track, samples: Array) -> Mask:
         """Mask (n,) of samples that the vehicle of a track can have measured.
 
         They lie between two positions of the track, `since_s` and its first, or its last and now."""

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.naive_ids import id_in_packet, id_in_plan
 from auv_lse_common.vocabulary.plan import NONE, Plan
@@ -32,8 +33,6 @@ from auv_lse_comms.packet.navigation import MAX_BYTES, Navigation
 from auv_lse_comms.packet.tag import TRAILER_BYTES, Tagger
 from auv_lse_comms.ranging import SAME_TIME_S, UNTIMED, Ranging, Timing
 from auv_lse_comms.tdma import SlotKey, Tdma
-
-Array = NDArray[np.float64]
 
 #: Number of last packets that the modem may still report as not sent.
 _REMEMBERED = 4

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.packet.codec import Limits
-
-Array = NDArray[np.float64]
 
 
 def every_nth(unsent: int, room: int) -> NDArray[np.intp]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_comms.packet import navigation as nav
 from auv_lse_comms.packet.fields import (
@@ -43,8 +44,6 @@ from auv_lse_comms.packet.fields import (
     samples_start,
 )
 from auv_lse_comms.packet.navigation import Navigation
-
-Array = NDArray[np.float64]
 
 _SAMPLE_LOW = np.array([f.low for f in SAMPLE])
 _SAMPLE_HIGH = np.array([f.high for f in SAMPLE])
@@ -131,7 +130,7 @@ class Limits:
         object.__setattr__(self, "_low", np.array([self.north_m[0], self.east_m[0], self.depth_m[0]]))
         object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
 
-    def fits(self, samples_m: Array) -> NDArray[np.bool_]:
+    def fits(self, samples_m: Array) -> Mask:
         """Which samples fit into a packet, shape (n,); samples are north, east, depth (m), shape (n, 3)."""
         with np.errstate(over="ignore"):
             small = np.asarray(samples_m).astype("<f4")

@@ -9,9 +9,9 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import Plan
@@ -21,7 +21,6 @@ from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 from auv_lse_comms.ranging import Timing
 
-Array = NDArray[np.float64]
 TDMA = TdmaConfig()
 PLAN = Plan(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), naive_path=0xF1)
 

@@ -7,9 +7,9 @@ import json
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.bridge import MateTracks, ModemBridge, Pace
 from auv_lse_comms.bridge.mate_tracks import speeds_apart
@@ -20,14 +20,14 @@ from auv_lse_comms.packet.navigation import Navigation
 PACE = Pace(speed_mps=1.5, leg_s=16.0, surfacing_steps=8)
 
 
-def packet(now_s: float, north_m: float, step: int | None = None, samples: NDArray[np.float64] | None = None) -> Packet:
+def packet(now_s: float, north_m: float, step: int | None = None, samples: Array | None = None) -> Packet:
     """A packet of a vehicle at `north_m`."""
     plan = Plan.at(int(now_s / PACE.leg_s) if step is None else step, np.array([0.0, north_m, 0.0]), (1,), NONE)
     navigation = Navigation(raw_cm=(round(100.0 * north_m), 0))
     return Packet(plan, np.zeros((0, 3)) if samples is None else samples, navigation=navigation)
 
 
-def taken(tracks: MateTracks, now_s: float, source: int, content: Packet) -> NDArray[np.bool_] | None:
+def taken(tracks: MateTracks, now_s: float, source: int, content: Packet) -> Mask | None:
     """Mask of the samples that are accepted; None if the packet is not."""
     track = tracks.take(now_s, source, content)
     return tracks.reachable(track, content.samples) if tracks.is_trusted(source, track) else None

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import KERNELS, GpConfig
 from auv_lse_common.support import compiled
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.compiled.modules import compiled_gp
-
-Array = NDArray[np.float64]
 
 #: Support of a Wendland kernel / its length scale: the correlation at one length scale is then that of a Matern 5/2
 #: kernel (0.524), so that `length_scale_m` means the same for every kernel.

@@ -13,14 +13,12 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve, cholesky, lapack
 from scipy.optimize import minimize
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.covariance.kernels import CORRELATIONS, SLOPES, SUPPORT_RATIO
-
-Array = NDArray[np.float64]
 
 #: Search range of noise variance / signal variance.
 LOWEST_RATIO, HIGHEST_RATIO = 1e-6, 1e2

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.user_error import error_text
 from auv_lse_gp.soundings import read_soundings
-
-Array = NDArray[np.float64]
 
 #: Depth (P,) in metres at locations (P, 2).
 PriorMean = Callable[[Array], Array]

@@ -18,14 +18,12 @@ e, by -e (f - h) / s x / (exp(x) - 1) with x = d / BANK_M. Maps add the variance
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.covariance.prior_mean import PriorMean
 from auv_lse_gp.inference.centers import Centers
-
-Array = NDArray[np.float64]
 
 #: Distance (m) from the shore at which the depth has covered 63 % of the way from the shore's to that of open ground.
 BANK_M = 25.0

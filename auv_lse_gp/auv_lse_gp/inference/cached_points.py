@@ -8,14 +8,12 @@ unchanged rows by their numbers (`Posterior.rows`), which are never reused.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import CHUNK, Posterior, add_whitened, checked_locations
-
-Array = NDArray[np.float64]
 
 
 class CachedPoints:
@@ -136,7 +134,7 @@ class CachedMoments:
         return mean, variance, position_variance
 
 
-def unchanged_rows(cached: NDArray[np.int64], now: NDArray[np.int64]) -> int:
+def unchanged_rows(cached: Ints, now: Ints) -> int:
     """Number of identical leading rows."""
     common = min(len(cached), len(now))
     same = cached[:common] == now[:common]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array, Ints
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -42,13 +41,13 @@ class Centers:
         kept = None if effect is None else effect[part]
         return Centers(self.locations_m[part], self.depths_m[part], self.noise_std_m[part], kept)
 
-    def take(self, numbers: NDArray[np.int64]) -> Centers:
+    def take(self, numbers: Ints) -> Centers:
         """The centers with these numbers, as copies."""
         effect = self.position_effect_m
         kept = None if effect is None else effect[numbers]
         return Centers(self.locations_m[numbers], self.depths_m[numbers], self.noise_std_m[numbers], kept)
 
-    def averaged(self, groups: NDArray[np.int64]) -> Centers:
+    def averaged(self, groups: Ints) -> Centers:
         """One center in place of each group: the mean of its members, whose errors are independent.
 
         The new centers are in the order of the groups' first members. The curvature of the ground within a group is

@@ -8,13 +8,11 @@ not change full blocks.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, blas, cholesky, lapack, solve_triangular
 
 from auv_lse_common.support import compiled
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.compiled.modules import compiled_gp
-
-Array = NDArray[np.float64]
 
 #: Number of rows of a block.
 BLOCK = 128

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
-
-Array = NDArray[np.float64]
 
 #: Initial capacity of a pool, in points.
 POOL_CAPACITY = 4096
@@ -90,7 +88,7 @@ class PointPool:
         self._numbers.append(np.column_stack([points.scaled, points.mean_m, points.data_var_m2, points.planned_var_m2]))
         return begin
 
-    def take(self, index: NDArray[np.int64]) -> PointPosteriors:
+    def take(self, index: Ints) -> PointPosteriors:
         """The points of these numbers."""
         n = self._numbers.rows[index]
         return PointPosteriors(np.ascontiguousarray(n[:, :2]), self._white.rows[index], n[:, 2], n[:, 3], n[:, 4])

@@ -28,12 +28,13 @@ from __future__ import annotations
 import copy
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dsyrk
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support import compiled
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_gp.compiled.modules import compiled_gp
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
@@ -42,8 +43,6 @@ from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.factor import Factor, IllConditionedError
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.level_set.crossings import DepthAndSlope
-
-Array = NDArray[np.float64]
 
 #: Number of locations that `moments` processes together, so that the data fit in the processor's cache.
 CHUNK = 2048
@@ -417,7 +416,7 @@ class Posterior:
         return self._scaled
 
     @property
-    def rows(self) -> NDArray[np.int64]:
+    def rows(self) -> Ints:
         """A number for each measurement (n + o,); as long as it is unchanged, so are the rows of L and w."""
         return self._rows
 
@@ -470,6 +469,6 @@ def checked_locations(locations_m: ArrayLike) -> Array:
     return locations
 
 
-def _leading(same: NDArray[np.bool_]) -> int:
+def _leading(same: Mask) -> int:
     """Number of leading values that are true."""
     return len(same) if same.all() else int(np.argmin(same))

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.work import FUNCTION, Work, rows_per_part
-
-Array = NDArray[np.float64]
 
 #: Largest number of centers that `extend_in_parts` takes together.
 ROWS = 512

@@ -23,16 +23,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Distance within which centers are left out, and the standard deviation h of the weights, in `gp.length_scale_m`.
 LEFT_OUT, NEARBY = 0.3, 0.5
@@ -215,7 +212,7 @@ def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = N
     return squares
 
 
-def _precision(posterior: Posterior, used: NDArray[np.int64]) -> Work[Array]:
+def _precision(posterior: Posterior, used: Ints) -> Work[Array]:
     """Rows and columns `used` (u,) of the inverse of the data's covariance, (u, u); in parts."""
     n = posterior.data_rows
     if len(used) == n:

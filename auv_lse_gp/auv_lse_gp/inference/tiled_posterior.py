@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior, checked_locations
 from auv_lse_gp.inference.posterior_in_parts import extend_in_parts
 from auv_lse_gp.inference.roughness import Roughness, scale_of, steepness
 from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
 
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 Corner = tuple[int, int]
 
 #: Distance from a tile up to which centers count, in kernel lengths (of a Wendland kernel: supports).
@@ -78,8 +77,8 @@ class _Data:
 class _Near:
     """The centers in a tile, and those near it: numbers; locations before any shift, depths and noise; shifts."""
 
-    members: Numbers
-    numbers: Numbers
+    members: Ints
+    numbers: Ints
     data: Array
     drift: Array
 
@@ -107,9 +106,9 @@ class _Locations:
 
     def __init__(self, scaled: Array) -> None:
         self.scaled = scaled
-        self._sorted: tuple[Numbers, Array] | None = None
+        self._sorted: tuple[Ints, Array] | None = None
 
-    def near(self, low: Array, high: Array, reach: float) -> Numbers:
+    def near(self, low: Array, high: Array, reach: float) -> Ints:
         """Numbers of the locations within `reach` of the rectangle between two corners (2,), ascending."""
         if self._sorted is None:
             order = np.argsort(self.scaled[:, 0], kind="stable")
@@ -164,7 +163,7 @@ class TiledPosterior:
         drift[: len(self._drift)] += self._drift
         self._drift = drift
 
-    def near(self, locations_m: Array) -> Iterator[tuple[Numbers, Posterior]]:
+    def near(self, locations_m: Array) -> Iterator[tuple[Ints, Posterior]]:
         """For each tile of locations (P, 2): the numbers of the locations in it, and a rough posterior (`ROUGH_SHARE`).
 
         Raises:
@@ -204,7 +203,7 @@ class TiledPosterior:
 
     def _numbers_near(
         self, first: Corner, last: Corner, share: float = 1.0, locations: _Locations | None = None
-    ) -> Numbers:
+    ) -> Ints:
         """Numbers of the centers that count in a rectangle of tiles, or those of other locations."""
         low, high = self._side * np.array(first), self._side * (np.array(last) + 1.0)
         return (self._locations if locations is None else locations).near(low, high, share * self._margin)
@@ -215,17 +214,17 @@ class TiledPosterior:
         effect = None if self._effect_std_m is None else self._effect_std_m[near]
         return _Data(self._hash(near), len(near), len(close), effect)
 
-    def _hash(self, numbers: Numbers) -> int:
+    def _hash(self, numbers: Ints) -> int:
         """Hash of the locations, depths and noise of some centers."""
         c = self._centers
         return hash((c.locations_m[numbers].tobytes(), c.depths_m[numbers].tobytes(), c.noise_std_m[numbers].tobytes()))
 
-    def tiles(self, locations_m: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
+    def tiles(self, locations_m: Array, together: int = 1) -> Iterator[tuple[Corner, Ints]]:
         """The tiles of locations (P, 2), and the numbers of the locations in each; `together`: in squares of n x n
         tiles."""
         yield from self._tiles_of(self._prior.kernel.scale(locations_m), together)
 
-    def _tiles_of(self, scaled: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
+    def _tiles_of(self, scaled: Array, together: int = 1) -> Iterator[tuple[Corner, Ints]]:
         """As `tiles`, of locations (P, 2) in the kernel's axes and lengths."""
         if not len(scaled):
             return
@@ -316,7 +315,7 @@ class _Tile:
         summed: Hash of the squares that are in them.
     """
 
-    locations: Numbers
+    locations: Ints
     data: _Data | None = None
     turn: int = 0
     mean_m: Array | None = None

@@ -14,14 +14,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import erfinv, log_ndtr, ndtr, ndtri, owens_t
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.support import compiled
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_gp.compiled.modules import compiled_risk
-
-Array = NDArray[np.float64]
 
 #: Methods to compute the expected risk: exactly, or as in the paper with an approximate error function.
 METHODS = ("exact", "exponential_quadratic")
@@ -55,7 +54,7 @@ class LevelSet(LevelSetConfig):
         """`bayes_risk` for this level and these costs."""
         return bayes_risk(mean_m, std_m, self.level_m, self.cost_false_safe, self.cost_false_unsafe)
 
-    def safe(self, mean_m: ArrayLike, std_m: ArrayLike) -> NDArray[np.bool_]:
+    def safe(self, mean_m: ArrayLike, std_m: ArrayLike) -> Mask:
         """`bayes_estimate` for this level and these costs."""
         return bayes_estimate(mean_m, std_m, self.level_m, self.cost_false_safe, self.cost_false_unsafe)
 
@@ -143,7 +142,7 @@ def bayes_risk(
 
 def bayes_estimate(
     mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike, cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike
-) -> NDArray[np.bool_]:
+) -> Mask:
     """The call with the lowest risk (true: safe); a tie is safe. Arguments as in `bayes_risk`."""
     mean, std, level = _arrays(("mean_m", mean_m), ("std_m", std_m), ("level_m", level_m))
     c1, c2 = _costs(cost_false_safe, cost_false_unsafe)

@@ -14,10 +14,9 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Directions over half a turn in the mean of |v|; 24 of them leave a relative error under .3 % for any distribution.
 DIRECTIONS = 24

@@ -7,11 +7,9 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from auv_lse_common.support.arrays import Array, Mask
 
 #: Spacing (m) of the points along isobaths between which distances are measured.
 POINT_SPACING_M = 2.0
@@ -34,7 +32,7 @@ def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Arra
     return np.concatenate(points) if points else np.empty((0, 2))
 
 
-def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[Array], NDArray[np.bool_]]:
+def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[Array], Mask]:
     """A function that returns whether locations (P, 2) are within a distance of lines: mask (P,)."""
     points = resample(lines)
     if len(points) == 0:

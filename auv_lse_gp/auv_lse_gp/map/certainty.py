@@ -26,15 +26,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_gp.level_set.lines import BEYOND_CELLS, beyond_border
 from auv_lse_gp.map.depth_map import INFORMED, DepthField
-
-Array = NDArray[np.float64]
 
 #: The classes of a piece, the most certain first.
 FOUND, LIKELY, GUESSED = "found", "likely", "guessed"
@@ -107,7 +105,7 @@ class Evidence:
     depth_std_m: Array
     position_std_m: Array
     informed: Array
-    visited: NDArray[np.bool_]
+    visited: Mask
 
     @property
     def std_m(self) -> Array:
@@ -236,7 +234,7 @@ def _extrapolated(std_m: Array, nearest_m: Array, both_m: Array) -> Array:
     return np.where(both_m <= VISITED_M, std_m, std_m / np.maximum(least, LEAST_SLOPE))
 
 
-def _both_sides_m(locations: Array, soundings: Array, deeper: NDArray[np.bool_]) -> Array:
+def _both_sides_m(locations: Array, soundings: Array, deeper: Mask) -> Array:
     """Distance (n,) of locations from the farther of the nearest deeper and the nearest shallower sounding (m)."""
     if deeper.all() or not deeper.any():
         return np.full(len(locations), np.inf)
@@ -253,7 +251,7 @@ def _filled(values: Array) -> Array:
     return np.asarray(values[tuple(nearest)])
 
 
-def _rank(std_m: Array, informed: Array) -> NDArray[np.int64]:
+def _rank(std_m: Array, informed: Array) -> Ints:
     """Index into `CLASSES` at each location (n,); its length where there is no isobath."""
     rank = np.where(std_m <= MAX_STD_M[GUESSED], CLASSES.index(GUESSED), len(CLASSES))
     for kind in (LIKELY, FOUND):
@@ -261,7 +259,7 @@ def _rank(std_m: Array, informed: Array) -> NDArray[np.int64]:
     return rank
 
 
-def _without_short_stretches(ranks: NDArray[np.int64], locations: Array) -> NDArray[np.int64]:
+def _without_short_stretches(ranks: Ints, locations: Array) -> Ints:
     """Ranks (n,) in which no stretch shorter than `MIN_LENGTH_M` has a higher class than both of its neighbors."""
     ranks = ranks.copy()
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(locations, axis=0).T))])

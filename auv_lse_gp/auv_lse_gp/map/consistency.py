@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+from auv_lse_common.support.arrays import Array, Ints
 
 #: Least number of samples that are compared with each other, if there are as many.
 BLOCK = 128
 
 
-def blocks_of(packets: Numbers) -> list[NDArray[np.intp]]:
+def blocks_of(packets: Ints) -> list[NDArray[np.intp]]:
     """Indices of samples that are compared with each other: whole packets, given the packet of each sample (n,)."""
     ends = [*(np.flatnonzero(np.diff(packets)) + 1).tolist(), len(packets)]
     found, begin = [], 0
@@ -33,7 +32,7 @@ def blocks_of(packets: Numbers) -> list[NDArray[np.intp]]:
 
 
 def noise_of_samples(
-    covariance_m2: Array, residuals_m: Array, noise_std_m: float, sigmas: float, packets: Numbers
+    covariance_m2: Array, residuals_m: Array, noise_std_m: float, sigmas: float, packets: Ints
 ) -> Array:
     """Noise standard deviations (n,) that make the samples consistent; at least `noise_std_m`.
 

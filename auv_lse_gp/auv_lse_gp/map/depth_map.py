@@ -9,12 +9,13 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.inference.banks import Banks, depths, width_factor
 from auv_lse_gp.inference.cached_points import CachedMoments
@@ -25,9 +26,6 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import contours
 from auv_lse_gp.map.online import Counts, OnlineGp
 from auv_lse_gp.map.store import MERGE_WINDOW, Outcome
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Probability that the true isobath lies within the band of `DepthMap.isobath`, at any one location along it.
 BAND_PROBABILITY = 0.95
@@ -187,9 +185,7 @@ class DepthMap:
             outcomes[i] = outcome
         return outcomes
 
-    def add_samples(
-        self, samples: ArrayLike, source: int, packets: NDArray[np.int64] | None = None
-    ) -> list[Outcome | None]:
+    def add_samples(self, samples: ArrayLike, source: int, packets: Ints | None = None) -> list[Outcome | None]:
         """Takes the samples of a packet from vehicle `source`, in the order given.
 
         Those that contradict the map or each other are weighed down (`consistency.py`).

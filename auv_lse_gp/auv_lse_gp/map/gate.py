@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.frames import FARTHEST_M
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class SoundingError(ValueError):

@@ -9,9 +9,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_gp.inference.banks import Banks, depths
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
@@ -20,8 +21,6 @@ from auv_lse_gp.inference.tiled_posterior import TiledPosterior
 from auv_lse_gp.map.consistency import blocks_of, noise_of_samples
 from auv_lse_gp.map.gate import SoundingError, check_sounding, plausible, within_gate
 from auv_lse_gp.map.store import CenterStore, Outcome
-
-Array = NDArray[np.float64]
 
 #: A map of more centers is computed tile by tile.
 MAX_DENSE = 1000
@@ -126,8 +125,8 @@ class OnlineGp:
         return outcomes
 
     def add_if_fitting(
-        self, soundings: Array, sigmas: float, max_new: int, packets: NDArray[np.int64] | None = None
-    ) -> tuple[list[Outcome | None], NDArray[np.bool_]]:
+        self, soundings: Array, sigmas: float, max_new: int, packets: Ints | None = None
+    ) -> tuple[list[Outcome | None], Mask]:
         """Takes the soundings that fit the current map, as `add_all`; the others are outliers.
 
         Those that fit the map but contradict each other are weighed down (`consistency.py`).
@@ -155,7 +154,7 @@ class OnlineGp:
             outcomes[i] = outcome
         return outcomes, fit & (noise <= self.config.noise_std_m)
 
-    def _checked(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> tuple[NDArray[np.bool_], Array]:
+    def _checked(self, soundings: Array, sigmas: float, packets: Ints) -> tuple[Mask, Array]:
         """Which of the soundings (n, 3) are within `sigmas` of the map; and their noise.
 
         Returns:
@@ -170,9 +169,7 @@ class OnlineGp:
             noise[own] = noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets[own])
         return fit, noise
 
-    def _checked_in_tiles(
-        self, soundings: Array, sigmas: float, packets: NDArray[np.int64]
-    ) -> tuple[NDArray[np.bool_], Array]:
+    def _checked_in_tiles(self, soundings: Array, sigmas: float, packets: Ints) -> tuple[Mask, Array]:
         """As `_checked`, of a map in tiles; each tile is solved once."""
         fit, noise = np.empty(len(soundings), dtype=bool), np.full(len(soundings), self.config.noise_std_m)
         predicted = []  # numbers, covariance and residuals of the soundings of each tile that fit

@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erfc
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
@@ -38,8 +37,6 @@ from auv_lse_gp.map.certainty import (
 from auv_lse_gp.map.depth_map import MANY_CELLS, Moments, field_of
 from auv_lse_gp.map.online import MAX_DENSE
 from auv_lse_gp.map.undiscovered import KERNEL, Undiscovered, coarse_grid, undiscovered_in_parts
-
-Array = NDArray[np.float64]
 
 
 def share_found(found_m: float, missing: Undiscovered) -> float:

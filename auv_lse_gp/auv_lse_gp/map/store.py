@@ -11,17 +11,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support import compiled
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.compiled.modules import compiled_gp
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.inference.centers import Centers
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 #: Maximum number of soundings per center.
 MAX_MERGED = 256
@@ -139,7 +136,7 @@ class CenterStore:
         self._table.rows[number, 2:] = (*location_m, depth_m, noise_std_m)
         self._changed.discard(number)
 
-    def _spaced(self, locations_m: Array, max_new: int) -> tuple[Numbers, NDArray[np.bool_]]:
+    def _spaced(self, locations_m: Array, max_new: int) -> tuple[Ints, Mask]:
         """Appends, one after another, the locations (n, 2) that no first sounding is too close to, at most `max_new`.
 
         Returns:
@@ -208,7 +205,7 @@ class _Merged:
         return centroid, self._depth_sum_m / n, self._noise_m2 / n + max(curvature, 0.0)
 
 
-def take_spaced_numpy(kept: Array, size: int, spacing_m: float, locations: Array, max_new: int, near: Numbers) -> None:
+def take_spaced_numpy(kept: Array, size: int, spacing_m: float, locations: Array, max_new: int, near: Ints) -> None:
     """Finds the nearest kept location within the spacing, in NumPy: the reference for the compiled version.
 
     Args:

@@ -21,11 +21,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
@@ -34,8 +34,6 @@ from auv_lse_gp.inference.posterior_in_parts import extend_in_parts, moments_in_
 from auv_lse_gp.inference.roughness import degrees_of_freedom, variance_scales_in_parts
 from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
 from auv_lse_gp.level_set.crossings import crossing_intensity
-
-Array = NDArray[np.float64]
 
 #: Kernel of all hypotheses, and their length scales / `gp.length_scale_m`.
 KERNEL = "matern52"
@@ -172,7 +170,7 @@ def undiscovered(
     centers: Centers,
     level_m: float,
     grid: Grid,
-    located: Callable[[Array], NDArray[np.bool_]],
+    located: Callable[[Array], Mask],
     banks: Banks | None = None,
 ) -> Undiscovered:
     """The isobath that is not located.
@@ -193,7 +191,7 @@ def undiscovered_in_parts(
     centers: Centers,
     level_m: float,
     grid: Grid,
-    located: Callable[[Array], NDArray[np.bool_]],
+    located: Callable[[Array], Mask],
     banks: Banks | None = None,
 ) -> Work[Undiscovered]:
     """As `undiscovered`."""
@@ -234,7 +232,7 @@ def undiscovered_in_parts(
     )
 
 
-def along_channel_m(cells: Array, cell_m: float, lengths: Array, is_located: NDArray[np.bool_]) -> float:
+def along_channel_m(cells: Array, cell_m: float, lengths: Array, is_located: Mask) -> float:
     """Length (m) of an isobath along both sides of a long, narrow area, where it is not located; 0 in other areas.
 
     Across the area, one slice of cells after the other has two sides. A side counts if none of its cells is located,
@@ -350,7 +348,7 @@ def _waves(rng: np.random.Generator) -> tuple[Array, Array]:
     return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), shares / shares.sum()
 
 
-def outside_m(grid: Grid, depth_m: Array, level_m: float, located: Callable[[Array], NDArray[np.bool_]]) -> float:
+def outside_m(grid: Grid, depth_m: Array, level_m: float, located: Callable[[Array], Mask]) -> float:
     """Length (m) of the contour of depths (P,) of the grid's cells that is not located."""
     from contourpy import contour_generator
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.map.store import Outcome
 from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.depth_sensitivity import DepthSensitivity
 from auv_lse_gp.positions.sounding_log import SoundingLog
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 #: In a map in tiles, positions are checked at every n-th center of a vehicle's track. The centers between two of
 #: these move if one of the two has.
@@ -84,7 +81,7 @@ class CorrectedMap:
         gp.shift(by)
         return False
 
-    def _moved(self, correction: Correction, seeds: Numbers, moved_m: float) -> Numbers:
+    def _moved(self, correction: Correction, seeds: Ints, moved_m: float) -> Ints:
         """Numbers of the centers to move, because some are more than `moved_m` (m) from their corrected positions: all.
 
         In a map in tiles, these are only the ones that are too far off and those near them. Positions are checked at
@@ -135,7 +132,7 @@ class CorrectedMap:
         """
         self.map.gp.set_position_effect(self._effect(correction, vehicle))
 
-    def _remember(self, outcomes: list[Outcome | None], numbers: NDArray[np.int64]) -> None:
+    def _remember(self, outcomes: list[Outcome | None], numbers: Ints) -> None:
         kept = numbers[[outcome is Outcome.KEPT for outcome in outcomes]]
         if len(kept):
             self.seeds = np.concatenate([self.seeds, kept])

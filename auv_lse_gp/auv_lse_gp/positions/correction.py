@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.positions.error_model import TeamErrorModel, TrackPositions
-
-Array = NDArray[np.float64]
 
 
 class Correction:

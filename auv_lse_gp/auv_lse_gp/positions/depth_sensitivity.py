@@ -11,16 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS
 from auv_lse_gp.positions.sounding_log import SoundingLog
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 #: Number of the strongest error modes passed to the map, in addition to the two that a fix would remove.
 MODES = 8
@@ -33,7 +30,7 @@ class _Sensitivities:
     """Sensitivities of one vehicle's centers.
 
     Attributes:
-        centers: Numbers of the centers (n,).
+        centers: Ints of the centers (n,).
         slopes: Slope at each (n, 2).
         rows: Sensitivities (n, the vehicle's unknowns).
         squares: rows' rows.
@@ -41,7 +38,7 @@ class _Sensitivities:
         theta: The vehicle's unknowns for which all rows were computed.
     """
 
-    centers: Numbers
+    centers: Ints
     slopes: Array
     rows: Array
     squares: Array
@@ -62,7 +59,7 @@ class DepthSensitivity:
         """Forgets all sensitivities, so that the next ones depend on the data alone."""
         self._vehicles.clear()
 
-    def update(self, correction: Correction, slopes: Array, seeds: Numbers) -> None:
+    def update(self, correction: Correction, slopes: Array, seeds: Ints) -> None:
         """Updates the sensitivities after a correction.
 
         Args:
@@ -75,9 +72,7 @@ class DepthSensitivity:
                 known[vehicle] = self._updated(correction, vehicle, own, slopes[own], seeds[own])
         self._vehicles, self._correction, self._count = known, correction, len(seeds)
 
-    def _updated(
-        self, correction: Correction, vehicle: int, own: Numbers, slopes: Array, seeds: Numbers
-    ) -> _Sensitivities:
+    def _updated(self, correction: Correction, vehicle: int, own: Ints, slopes: Array, seeds: Ints) -> _Sensitivities:
         model = correction.model.vehicles[vehicle]
         theta, unknowns = correction.theta[model.block], model.block.stop - model.block.start
         old = self._vehicles.get(vehicle)

@@ -15,20 +15,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.positions.error_model import TeamErrorModel
 from auv_lse_gp.positions.measurements import Fixes, Ranges
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 
 class Elimination:
     """The normal equations of a team whose mates are coupled through shared unknowns only."""
 
-    def __init__(self, precision: Array, mates: Sequence[tuple[Numbers, Numbers]], measurements: int) -> None:
+    def __init__(self, precision: Array, mates: Sequence[tuple[Ints, Ints]], measurements: int) -> None:
         """Takes the structure of the equations.
 
         Args:
@@ -97,7 +94,7 @@ class Elimination:
         return own, across, shared.T @ shared + np.diag(self._precision[self._shared])
 
 
-def _padded(numbers: Sequence[Numbers], filler: int) -> Numbers:
+def _padded(numbers: Sequence[Ints], filler: int) -> Ints:
     """Lists of numbers as the rows of a table (k, longest list), filled up with `filler`."""
     table = np.full((len(numbers), max(map(len, numbers), default=0)), filler)
     for row, own in zip(table, numbers, strict=True):

@@ -21,13 +21,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.positions.track import Track, TrackPoints
-
-Array = NDArray[np.float64]
 
 #: Unknowns of a vehicle without its knots: offset north and east, heading bias, its two harmonics, scale.
 STATIC = 6
@@ -253,7 +251,7 @@ class TeamPositions:
     the number `size`, and the value 0. The last result is cached, as that of `TrackPositions`.
     """
 
-    def __init__(self, parts: Sequence[tuple[NDArray[np.int64], TrackPositions]], size: int) -> None:
+    def __init__(self, parts: Sequence[tuple[Ints, TrackPositions]], size: int) -> None:
         """Joins positions on single tracks.
 
         Args:

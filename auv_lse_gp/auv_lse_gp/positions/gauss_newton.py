@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_gp.positions.elimination import Elimination
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel
 from auv_lse_gp.positions.measurements import Fixes, Ranges, within_gate
 from auv_lse_gp.positions.terrain_matching import TerrainLikelihood
-
-Array = NDArray[np.float64]
 
 #: Maximum number of steps with fixes and ranges, and with the terrain, whose steps take thirty times as long.
 STEPS, TERRAIN_STEPS = 15, 3
@@ -58,7 +56,7 @@ class Huber:
 class Gated:
     """Quadratic for the residuals that passed the gate, zero for the others."""
 
-    def __init__(self, kept: NDArray[np.bool_]) -> None:
+    def __init__(self, kept: Mask) -> None:
         self._kept = kept.astype(float)
 
     def costs(self, residuals: Array) -> float:

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel, TeamPositions, TrackPositions
-
-Array = NDArray[np.float64]
 
 #: Ranges beyond this many median absolute deviations, scaled to standard deviations, are rejected, ...
 GATE = 4.0
@@ -87,7 +85,7 @@ class Fixes:
         return len(self._rows)
 
     @property
-    def vehicles(self) -> NDArray[np.int64]:
+    def vehicles(self) -> Ints:
         """The vehicle of each fix (n,), in the order of the residuals."""
         return np.array([row.vehicle for row in self._rows], dtype=np.int64)
 
@@ -144,7 +142,7 @@ class Ranges:
         return len(self._rows)
 
     @property
-    def senders(self) -> NDArray[np.int64]:
+    def senders(self) -> Ints:
         """The sender of each range (m,), in the order of the residuals."""
         return np.array([row.sender for row in self._rows], dtype=np.int64)
 
@@ -280,7 +278,7 @@ def _along(toward: Array, jacobian: Array) -> Array:
     return np.asarray(toward[:, :1] * jacobian[:, 0] + toward[:, 1:] * jacobian[:, 1])
 
 
-def within_gate(residuals: Array) -> NDArray[np.bool_]:
+def within_gate(residuals: Array) -> Mask:
     """Mask of the whitened residuals (m,) within `GATE` median absolute deviations of their median."""
     if not len(residuals):
         return np.zeros(0, dtype=bool)

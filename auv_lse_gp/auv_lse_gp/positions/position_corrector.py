@@ -11,9 +11,9 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthMap
@@ -22,8 +22,6 @@ from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.smoother import PositionSmoother
 from auv_lse_gp.positions.sounding_log import SoundingLog
 from auv_lse_gp.positions.terrain_matching import Terrain
-
-Array = NDArray[np.float64]
 
 #: The map is rebuilt after one correction per this many centers, at least `MIN_REPEATED` and at most `MAX_REPEATED`:
 #: a restart repeats those since the last rebuild, and a rebuild, whose cost grows with the map, is shared by them.

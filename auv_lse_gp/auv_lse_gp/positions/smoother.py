@@ -11,9 +11,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.frames import FARTHEST_M
 from auv_lse_gp.positions.correction import Correction
@@ -23,8 +23,6 @@ from auv_lse_gp.positions.measurements import Fixes, FixMeasurement, RangeMeasur
 from auv_lse_gp.positions.monotonic_clock import SET_AHEAD_S, MonotonicClock
 from auv_lse_gp.positions.terrain_matching import Terrain, TerrainLikelihood
 from auv_lse_gp.positions.track import MateTrack, OwnTrack, Track
-
-Array = NDArray[np.float64]
 
 #: Fixes within this time (s) count as one surfacing, since GPS errors are correlated over minutes.
 SURFACING_S = 120.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_common.vocabulary.frames import FARTHEST_M
 from auv_lse_common.vocabulary.sounding import Soundings
@@ -18,9 +18,6 @@ from auv_lse_gp.positions.track_segments import (
     add_to_tracks,
     segment_tracks,
 )
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 
 class SoundingLog:
@@ -41,7 +38,7 @@ class SoundingLog:
         return len(self._table)
 
     @property
-    def vehicles(self) -> Numbers:
+    def vehicles(self) -> Ints:
         """Number of the vehicle that measured each (n,)."""
         return np.asarray(self._table.rows[:, 0].astype(np.int64))
 
@@ -66,7 +63,7 @@ class SoundingLog:
         return self._table.rows[:, 6]
 
     @property
-    def packets(self) -> Numbers:
+    def packets(self) -> Ints:
         """Number of the packet of each (n,), in order of arrival; this vehicle's have that of the last packet."""
         return np.asarray(self._table.rows[:, 7].astype(np.int64))
 
@@ -89,7 +86,7 @@ class SoundingLog:
         self._table.append(np.column_stack([number, soundings.stamp_s, raw, mapped, soundings.depth_m, packets]))
         return mapped
 
-    def corrected_m(self, correction: Correction, index: Numbers | None = None) -> Array:
+    def corrected_m(self, correction: Correction, index: Ints | None = None) -> Array:
         """Positions (m, 2) according to a correction, of the soundings with numbers `index` (m,); None: of all."""
         index = np.arange(len(self)) if index is None else index
         positions = self.mapped_m[index]
@@ -97,11 +94,11 @@ class SoundingLog:
             positions[own] = correction.positions(number, self.stamps_s[index[own]], self.raw_m[index[own]])
         return positions
 
-    def set_mapped(self, locations_m: Array, index: Numbers | None = None) -> None:
+    def set_mapped(self, locations_m: Array, index: Ints | None = None) -> None:
         """Moves the soundings with numbers `index` (m,) to positions (m, 2); None: all."""
         self.mapped_m[slice(None) if index is None else index] = locations_m
 
-    def by_vehicle(self, index: Numbers) -> Iterator[tuple[int, Numbers]]:
+    def by_vehicle(self, index: Ints) -> Iterator[tuple[int, Ints]]:
         """Each vehicle's number, and which of the soundings `index` are its own and correctable."""
         rows = self._table.rows[index, :4]
         numbers, known = rows[:, 0].astype(np.int64), np.isfinite(rows[:, 1:]).all(axis=1)

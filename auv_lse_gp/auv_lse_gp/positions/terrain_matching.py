@@ -15,16 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import PriorMean
 from auv_lse_gp.inference.posterior import depth_slopes
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel, TrackPositions
 from auv_lse_gp.positions.track_segments import TrackSegments
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +50,7 @@ class TerrainLikelihood:
         self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
         segments = terrain.segments
         self._groups: list[tuple[slice, slice, TrackPositions]] = []
-        taken: list[NDArray[np.int64]] = []
+        taken: list[Ints] = []
         for number in sorted(set(segments.vehicles.tolist()) & set(model.vehicles)):
             index = np.flatnonzero(segments.vehicles == number)
             vehicle = model.vehicles[number]

@@ -12,11 +12,9 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
-
-Array = NDArray[np.float64]
 
 #: Distance (m) or time (s) after which a node is added to the track.
 NODE_M, NODE_S = 5.0, 10.0
@@ -237,7 +235,7 @@ class MateTrack(Track):
             self._new.append(taken)
 
 
-def _in_order(nodes: Array, segments: NDArray[np.int64], raw_m: Array) -> tuple[float, Array]:
+def _in_order(nodes: Array, segments: Ints, raw_m: Array) -> tuple[float, Array]:
     """Assigns dead-reckoned positions (n, 2) to segments of a track in order of time.
 
     Args:
@@ -268,7 +266,7 @@ def _in_order(nodes: Array, segments: NDArray[np.int64], raw_m: Array) -> tuple[
     return float(total.min()), np.asarray(np.maximum.accumulate(found))
 
 
-def _segments_near(nodes: Array, raw_m: Array, reach2: float) -> NDArray[np.int64]:
+def _segments_near(nodes: Array, raw_m: Array, reach2: float) -> Ints:
     """Numbers of the segments within a squared distance of any dead-reckoned position (n, 2), and of some beyond;
     ascending."""
     positions = nodes[:, _RAW]

@@ -10,11 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
-
-Array = NDArray[np.float64]
 
 #: Length of a segment (m).
 SEGMENT_M = 10.0
@@ -37,7 +35,7 @@ class TrackSegments:
         depths_m: Mean depths (n,).
     """
 
-    vehicles: NDArray[np.int64]
+    vehicles: Ints
     stamps_s: Array
     raw_m: Array
     depths_m: Array
@@ -115,7 +113,7 @@ def segment_tracks(tracks: Mapping[int, SegmentedTrack], most: int = MAX_SEGMENT
 
 
 def segment_track(
-    vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths_m: Array, most: int = MAX_SEGMENTS
+    vehicles: Ints, stamps_s: Array, raw_m: Array, depths_m: Array, most: int = MAX_SEGMENTS
 ) -> TrackSegments:
     """Averages soundings (n) of several vehicles, in any order; rows that are not finite are dropped.
 
@@ -131,7 +129,7 @@ def segment_track(
     return segment_tracks(tracks, most)
 
 
-def add_to_tracks(tracks: dict[int, SegmentedTrack], vehicles: NDArray[np.int64], rows: Array) -> None:
+def add_to_tracks(tracks: dict[int, SegmentedTrack], vehicles: Ints, rows: Array) -> None:
     """Adds soundings of several vehicles: time, raw north and east, depth (n, 4); those not finite are dropped."""
     finite = np.isfinite(rows).all(axis=1)
     for number in np.unique(vehicles[finite]).tolist():

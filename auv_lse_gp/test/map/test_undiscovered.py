@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.work import finish
@@ -33,7 +33,7 @@ def hypotheses(data: Centers) -> list[Hypothesis]:
     return finish(hypotheses_in_parts(CONFIG, data, None))
 
 
-def nowhere(locations: NDArray[np.float64]) -> NDArray[np.bool_]:
+def nowhere(locations: Array) -> Mask:
     return np.zeros(len(locations), dtype=bool)
 
 
@@ -143,7 +143,7 @@ def test_the_isobath_may_run_along_both_sides_of_a_channel(turn_deg: float) -> N
     depths = 18.0 + np.sin(u[:, 0] / 150.0) - 6.0 * (u[:, 1] / 25.0) ** 2
     soundings = Centers(u @ axes, depths, np.full(len(u), 0.3))
 
-    def seen(locations: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def seen(locations: Array) -> Mask:
         return np.asarray(locations @ axes[0] < 520.0)
 
     found = undiscovered(CONFIG, soundings, 15.0, coarse_grid(area, 5.0), seen)

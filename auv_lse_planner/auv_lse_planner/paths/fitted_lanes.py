@@ -16,12 +16,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.polyline import locations_along
-
-Array = NDArray[np.float64]
 
 #: Largest number of locations of a strip at which the distance to the path is computed.
 LOCATIONS = 400

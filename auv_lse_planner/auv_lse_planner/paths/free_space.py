@@ -25,15 +25,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.motion import MotionTable, advance
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: A vehicle farther outside the area than this (m) holds.
 HOLD_BEYOND_M = 5000.0
@@ -268,7 +265,7 @@ class FreeSpace:
         is_clipped = any(name.startswith(UNREACHABLE) for name in area.no_go)
         self.outline_m: Array = nodes if is_clipped and len(nodes) else corners
 
-    def set_shallow(self, locations_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
+    def set_shallow(self, locations_m: Array, shallow: Mask, spacing_m: float) -> None:
         """Blocks ground that is known to be too shallow, in addition to the area's limits.
 
         Args:

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.leg import Leg, leg_point
-
-Array = NDArray[np.float64]
 
 #: Largest spacing (m) of the locations at which a leg's clearance is checked.
 TRACK_SPACING_M = 1.0
@@ -128,7 +127,7 @@ class MotionTable:
         locations[-1] = self.steps_m[action]
         return locations
 
-    def _loops(self) -> tuple[Array, NDArray[np.int64]]:
+    def _loops(self) -> tuple[Array, Ints]:
         """Tightest closed loop to each side: a repeated turn circles the fixed point of its rigid displacement."""
         best: dict[int, tuple[float, Array, int]] = {}
         for action, turn in enumerate(self.turns_rad):

@@ -32,10 +32,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.frames import wrap_pi
 from auv_lse_common.vocabulary.naive_ids import FITTED, HOLD, IDS, LAWNMOWERS, MOWING, STRAIGHT_ON, STRIPS
@@ -52,9 +52,6 @@ from auv_lse_planner.paths.free_space import (
     safe_reach,
 )
 from auv_lse_planner.paths.steering import Steering
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Distance from the lane (m) that costs as much as a heading error of one radian.
 HEADING_WEIGHT_M = 20.0

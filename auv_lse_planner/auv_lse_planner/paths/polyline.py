@@ -7,11 +7,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.support.compiled import compiled
-
-Array = NDArray[np.float64]
 
 #: Smallest length of a segment (m); below it the direction is undefined.
 SHORTEST_M = 1e-3

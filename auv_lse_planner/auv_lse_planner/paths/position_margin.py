@@ -14,12 +14,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, bilinear
-
-Array = NDArray[np.float64]
 
 #: Standard deviations of the location that a vehicle keeps from the border: errors exceed them once in 160 times.
 DEVIATIONS = 2.5

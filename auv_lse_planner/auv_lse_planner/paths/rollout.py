@@ -9,17 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.vocabulary.frames import is_possible
 from auv_lse_common.vocabulary.naive_ids import IDS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_planner.paths.motion import MotionTable, roll_many
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.steering import Steering
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,14 +17,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, cheapest_action, clearance_at, end_of_leg, safe_reach
 from auv_lse_planner.paths.polyline import SHORTEST_M, locations_along
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Look-ahead of the steering (legs); also the number of next legs of a plan that must be feasible on the map.
 LOOK_AHEAD = 3

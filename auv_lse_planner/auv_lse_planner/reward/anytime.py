@@ -27,17 +27,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.reward.joint import Cells, JointCovariance, Measured, Timetable
 from auv_lse_planner.reward.losses import Loss, Losses, RiskLoss
 from auv_lse_planner.reward.near_cells import FEW_CELLS, NearCells
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Approximate number of legs between checkpoints of the exact value.
 CHECKPOINT_LEGS = 4

@@ -36,12 +36,11 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dsyrk, dtrmm, dtrsm, strsm
 from scipy.linalg.lapack import dpotrf
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.reward.path import not_positive_definite
 
-Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
 Real = TypeVar("Real", np.float32, np.float64)
 
 #: Number of rows of a block of a symmetric product.

@@ -27,17 +27,15 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import i0e
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.inference.cached_points import CachedPoints, unchanged_rows
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import prior_slopes
 from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
-
-Array = NDArray[np.float64]
 
 #: Intervals of s between 0 and its present value, and points of the Gauss-Legendre rule in each.
 NODES, POINTS = 16, 3
@@ -70,7 +68,7 @@ class LineLosses:
         """Largest possible loss of a cell, to which negligible ones are compared."""
         return float(self.values.max(initial=0.0))
 
-    def take(self, kept: NDArray[np.int64]) -> LineLosses:
+    def take(self, kept: Ints) -> LineLosses:
         """The losses of some cells."""
         return LineLosses(self.before[kept], self.step_m[kept], self.values[kept], self.slopes[kept])
 

@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-
-Array = NDArray[np.float64]
 
 
 class Losses(Protocol):
@@ -33,7 +31,7 @@ class Losses(Protocol):
     @property
     def largest(self) -> float: ...  # noqa: D102
 
-    def take(self, kept: NDArray[np.int64]) -> Losses:
+    def take(self, kept: Ints) -> Losses:
         """The losses of some cells."""
         ...
 
@@ -75,7 +73,7 @@ class RiskLosses:
         """The largest possible risk."""
         return self.level_set.largest_risk
 
-    def take(self, kept: NDArray[np.int64]) -> RiskLosses:
+    def take(self, kept: Ints) -> RiskLosses:
         """The losses of some cells."""
         return RiskLosses(self.level_set, self.mean_m[kept], self.variance_m2[kept], np.asarray(self.before[kept]))
 

@@ -7,12 +7,9 @@ locations of a path.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.covariance.kernels import Kernel
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: With at most so many cells, finding those near a path saves nothing.
 FEW_CELLS = 2000

@@ -14,16 +14,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-
-Array = NDArray[np.float64]
 
 #: Compiled loops factorize paths with at most this many locations together; LAPACK factorizes longer ones one by one.
 MAX_SMALL_PATH = 24

@@ -6,18 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.tree import ActionTree
 from auv_lse_planner.search.uct import Actions, SearchResult, run_search
-
-Array = NDArray[np.float64]
 
 #: Number of paths that the search evaluates together.
 BATCH = 8

@@ -5,14 +5,11 @@ from __future__ import annotations
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.motion import MotionTable, advance
 from auv_lse_planner.search.tree import grown
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @compiled

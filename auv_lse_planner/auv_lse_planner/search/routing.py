@@ -16,15 +16,12 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Iterations of Lloyd's algorithm, and of ruin and recreate.
 LLOYD_ITERATIONS = 40
@@ -176,7 +173,7 @@ class Ground:
         self._ways, self._ways_cm = self._thinned(free, MAX_WAY_LOCATIONS)
         self._graph: coo_array | None = None
 
-    def _thinned(self, mask: NDArray[np.bool_], most: int) -> tuple[Ints, Ints]:
+    def _thinned(self, mask: Mask, most: int) -> tuple[Ints, Ints]:
         """Rows and columns (M, 2) of about `most` nodes of a mask, evenly spaced, and their locations (cm)."""
         every = max(1, round(float(np.sqrt(np.count_nonzero(mask) / most)) + 0.499))
         thin = np.zeros_like(mask)
@@ -218,7 +215,7 @@ class Ground:
             bends[int(i), int(j)] = self._ways_cm[way[::-1][:-1]]
         return lengths, bends
 
-    def _in_sight(self, locations_cm: Ints) -> NDArray[np.bool_]:
+    def _in_sight(self, locations_cm: Ints) -> Mask:
         """Whether the straight line between two locations stays on free ground, (P, P)."""
         space = self._space
         shares = np.linspace(0.0, 1.0, 65)[:, None]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.inference.point_posteriors import PointPool, PointPosteriors, join_by_path
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -16,9 +16,6 @@ from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.prefixes import Prefixes
 from auv_lse_planner.search.tree import every_sequence
 from auv_lse_planner.search.uct import Actions
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Largest number of sequences that `promising` evaluates.
 MAX_PREFIXES = 1500

@@ -23,17 +23,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour, length_m
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.polyline import SHORTEST_M, locations_along, pull_back
 from auv_lse_planner.paths.position_margin import EXACT, LEGS, PositionMargin, room_shortfall
 from auv_lse_planner.reward.anytime import AnytimeReward
-
-Array = NDArray[np.float64]
 
 #: Clearance (m) that a tour's locations should keep, to leave room for turns.
 ROOM_M = 6.0

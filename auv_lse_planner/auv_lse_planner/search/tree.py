@@ -8,13 +8,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_action, is_feasible, random_actions
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Values of `children` for actions without a node: admissible but untried, or inadmissible.
 UNTRIED = -1

@@ -16,12 +16,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_planner.search.tree import ActionTree
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Actions = tuple[int, ...]
 
 #: Share of the iterations that change single actions of the best sequences.

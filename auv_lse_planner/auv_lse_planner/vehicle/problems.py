@@ -8,15 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import HOLD_BEYOND_M, FreeSpace
 from auv_lse_planner.vehicle.travel import Travel
-
-Array = NDArray[np.float64]
 
 #: Report a team mate that has been silent for this share of `planner.plan_expiry_s`.
 SILENT_SHARE = 0.25

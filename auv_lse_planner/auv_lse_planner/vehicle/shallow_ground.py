@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.vehicle import SHALLOWEST_M, VehicleConfig
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.paths.free_space import FreeSpace
-
-Array = NDArray[np.float64]
 
 #: Ground is checked this far (m) beyond the reach of a plan's legs, to leave room for turns.
 BEYOND_M = 100.0
@@ -54,16 +52,16 @@ class ShallowGround:
             self._shallow[near] = shallow
             self._block(near | self._window.covers(self._grid.locations_m))
 
-    def _within(self, position_m: Array, legs_m: float) -> NDArray[np.bool_]:
+    def _within(self, position_m: Array, legs_m: float) -> Mask:
         off_m = np.hypot(*(self._grid.locations_m - position_m).T)
         return np.asarray(off_m <= legs_m + BEYOND_M)
 
-    def _set(self, checked: NDArray[np.bool_]) -> None:
+    def _set(self, checked: Mask) -> None:
         self._shallow[:] = False
         self._shallow[checked] = self._is_shallow(checked, self._window.mean_m(self._grid.locations_m[checked]))
         self._block(checked)
 
-    def _is_shallow(self, checked: NDArray[np.bool_], depths_m: Array) -> NDArray[np.bool_]:
+    def _is_shallow(self, checked: Mask, depths_m: Array) -> Mask:
         """Whether checked locations of these mean depths are too shallow, or too near to a bank."""
         banks = self._window.posterior.banks
         if banks is not None and len(depths_m):
@@ -81,5 +79,5 @@ class ShallowGround:
         least_m = float(self._depths_m[near].min(initial=np.inf))
         return min(vehicle.depth_m, max(least_m - vehicle.min_altitude_m, SHALLOWEST_M))
 
-    def _block(self, checked: NDArray[np.bool_]) -> None:
+    def _block(self, checked: Mask) -> None:
         self._space.set_shallow(self._grid.locations_m[checked], self._shallow[checked], self._grid.resolution_m)

@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import is_possible
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_planner.vehicle.odometry_gate import OdometryGate
-
-Array = NDArray[np.float64]
 
 #: A leg counts as travelled when at most this distance (m) remains, to absorb rounding.
 ARRIVAL_TOLERANCE_M = 1e-9

@@ -27,11 +27,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.mission_file.sections.vehicle import MAX_SURFACINGS
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.health import Recent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.map_quality import Quality
@@ -58,8 +58,6 @@ from auv_lse_planner.vehicle.shallow_ground import ShallowGround
 from auv_lse_planner.vehicle.surfacing import Surfacings, delayed
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 from auv_lse_planner.vehicle.until import Until
-
-Array = NDArray[np.float64]
 
 
 class VehiclePlanner:

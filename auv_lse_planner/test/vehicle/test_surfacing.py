@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.vehicle.surfacing import Surfacings
 
@@ -16,14 +16,14 @@ LEG_M = 15.0 * math.pi / 2.0
 VEHICLE = VehicleConfig()
 
 
-def path(locations_m: NDArray[np.float64], step: int) -> PlannedPath:
+def path(locations_m: Array, step: int) -> PlannedPath:
     """A path through these locations from a step on; only its states count here."""
     states = np.column_stack([np.zeros(len(locations_m)), locations_m])[step:]
     legs = len(states) - 1
     return PlannedPath(step, states, np.zeros(legs, dtype=np.int64), legs, np.zeros((legs, 1, 2)))
 
 
-def decided(surfacings: Surfacings, locations_m: NDArray[np.float64]) -> list[int]:
+def decided(surfacings: Surfacings, locations_m: Array) -> list[int]:
     """Steps at whose legs' ends a vehicle surfaces that travels through these locations."""
     return [step + 1 for step in range(len(locations_m) - 1) if considers(surfacings, path(locations_m, step))]
 
@@ -36,7 +36,7 @@ def considers(surfacings: Surfacings, ahead: PlannedPath) -> bool:
     return considered
 
 
-def out_and_back(steps: int, turn: int) -> NDArray[np.float64]:
+def out_and_back(steps: int, turn: int) -> Array:
     """A way out and back, farthest from the start at step `turn`, and no farther again."""
     far = np.minimum(np.arange(steps + 1), 2 * turn - np.arange(steps + 1))
     return np.column_stack([np.abs(far) * 20.0, np.zeros(steps + 1)])

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
-
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Properties that state what a feature is, most explicit first, and those that name it; capitals do not count.
 _ROLE_KEYS = ("role", "type", "kind", "class", "category", "zone", "use", "usage")

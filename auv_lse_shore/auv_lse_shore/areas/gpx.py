@@ -7,15 +7,13 @@ from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.plurals import counted
 from auv_lse_shore.areas.features import Feature, line_of, named_feature
 from auv_lse_shore.areas.outline import MAX_GAP, ends_meet, lengths_m
 from auv_lse_shore.areas.xml_tree import text_of
-
-Array = NDArray[np.float64]
 
 
 def gpx_features(root: Element, where: str) -> Iterator[Feature]:

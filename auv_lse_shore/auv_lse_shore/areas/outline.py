@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
-
-Array = NDArray[np.float64]
 
 #: Largest gap between the ends of a track, as a share of its length.
 MAX_GAP = 0.1

@@ -8,13 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_shore.areas.features import Feature, ring_of
-
-Array = NDArray[np.float64]
 
 #: Corners of the polygon that stands for a circle.
 _CIRCLE_CORNERS = 36

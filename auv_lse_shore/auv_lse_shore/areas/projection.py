@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.arrays import Array
 from auv_lse_shore.areas.features import Feature
-
-Array = NDArray[np.float64]
 
 
 def to_degrees(crs: str | None, where: str) -> Callable[[Feature], Feature]:

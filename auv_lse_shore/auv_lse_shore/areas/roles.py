@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.degrees import NAMING, AreaContent, add_no_go, checked
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import unwrapped_deg
 from auv_lse_shore.areas.features import Feature, words
 from auv_lse_shore.areas.outline import outline
-
-Array = NDArray[np.float64]
 
 #: Largest extent (deg) of everything in a file: beyond it a flat map is wrong, or coordinates are swapped.
 MAX_EXTENT_DEG = 2.0

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_shore.campaign.rows import Row
 from auv_lse_shore.campaign.statistics import bootstrap
 from auv_lse_shore.judge.quantity_names import P_DEEP
@@ -66,7 +66,7 @@ def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
     return figure
 
 
-def _limits(parts: Sequence[Reliability]) -> NDArray[np.float64]:
+def _limits(parts: Sequence[Reliability]) -> Array:
     """95 % bootstrap interval (2, classes) of the share safe in each class, over the missions with locations in it.
 
     Where fewer than two missions have any, both limits are the share itself.

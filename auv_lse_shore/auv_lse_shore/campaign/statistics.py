@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Keyword of `scipy.stats.bootstrap` for its generator; its name has changed with SciPy 1.15.
 _GENERATOR = "rng" if "rng" in inspect.signature(stats.bootstrap).parameters else "random_state"

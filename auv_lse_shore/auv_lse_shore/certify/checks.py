@@ -14,19 +14,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.map_codecs import DEPTH_STEP_M, RISK_STEP
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_shore.certify.dense import DenseMap, Measurements, dense_map
 from auv_lse_shore.certify.final_map import dense_prior, measurements
 from auv_lse_shore.certify.recorded import PublishedMap
-
-Array = NDArray[np.float64]
 
 #: Largest difference of the published values from those of the recorded centers, besides a relative 1e-5: messages
 #: round to steps, so half a step is expected.

@@ -13,13 +13,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Numbers = NDArray[np.int64]
+from auv_lse_common.support.arrays import Array, Ints, Mask
 
 #: Largest number of averages of soundings.
 MAX_AVERAGES = 6000
@@ -154,7 +151,7 @@ class Measurements:
     locations_m: Array
     depths_m: Array
     noise_m2: Array
-    starts: NDArray[np.int64]
+    starts: Ints
     effect_m: Array
 
     @classmethod
@@ -199,11 +196,11 @@ class Measurements:
         )
 
     @property
-    def counts(self) -> Numbers:
+    def counts(self) -> Ints:
         """Number of locations of each average (n,)."""
         return np.diff(np.append(self.starts, len(self.locations_m)))
 
-    def take(self, numbers: Numbers) -> Measurements:
+    def take(self, numbers: Ints) -> Measurements:
         """The averages with these numbers, in ascending order."""
         counts, chosen = self.counts, np.zeros(len(self.starts), dtype=bool)
         chosen[numbers] = True
@@ -294,9 +291,7 @@ def squared_slopes(prior: DensePrior, given: Measurements, weights: Array, at_m:
     return np.asarray(((slopes / prior.lengths_m) ** 2).sum(axis=1))
 
 
-def left_out_errors(
-    covariance: Array, residuals: Array, locations_m: Array, numbers: Numbers, prior: DensePrior
-) -> Array:
+def left_out_errors(covariance: Array, residuals: Array, locations_m: Array, numbers: Ints, prior: DensePrior) -> Array:
     """Squared standardized errors (m,) of the measurements `numbers` (m,), from those more than .3 length scales away.
 
     Errors of all the measurements left out together are S_BB^-1 (S r)_B, of covariance S_BB^-1, with the inverse S of
@@ -323,7 +318,7 @@ def _variance_scales(squares: Array, locations_m: Array, at_m: Array, prior: Den
     return scales
 
 
-def _squares(prior: DensePrior, measured_m: Array, at_m: Array) -> Iterator[tuple[Numbers, Mask, Numbers]]:
+def _squares(prior: DensePrior, measured_m: Array, at_m: Array) -> Iterator[tuple[Ints, Mask, Ints]]:
     """Of measurements (n, 2): those that count in a square, which of them are in it, and the locations (P, 2) in it.
 
     A few measurements are in one square. Distances are in the prior's lengths.

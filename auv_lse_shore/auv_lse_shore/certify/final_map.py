@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.covariance.prior_mean import prior_mean
@@ -30,8 +30,6 @@ from auv_lse_shore.certify.recorded import Recorded
 from auv_lse_shore.judge.team_map import map_of, sounded_locations
 from auv_lse_shore.positions.adjustment import AdjustError, adjust, corrects_positions
 from auv_lse_shore.positions.merging import merged
-
-Array = NDArray[np.float64]
 
 #: Support of a Wendland kernel / `gp.length_scale_m`: the correlation at one length scale is that of Matern 5/2.
 _SUPPORT = {"wendland_c2": 3.3107}

@@ -12,16 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_shore.judge.planned_paths import PlannedPaths
 from auv_lse_shore.report.figures import MAX_ASPECT, WIDTH_IN, axis_label, map_shape, new_figure, styled, vehicle_style
 from auv_lse_shore.report.map_marks import add_graticule, add_scale_bar
-
-Array = NDArray[np.float64]
 
 _WATER, _BORDER, _NO_GO, _FREE, _SHORE = "#dcebf5", "#2b5d80", "#b03a2e", "#5f8fae", "#8c6d31"
 #: Looks of no-go areas, and of ground that no vehicle can reach.

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.team_map import TeamMap
-
-Array = NDArray[np.float64]
 
 #: Value of raster cells outside of the operating area.
 NODATA = -9999.0

@@ -9,12 +9,10 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.no_data import OFTEN_NO_DATA, is_no_data
 from auv_lse_shore.export.survey import USUAL_SOUNDER_SPEED_MPS, Survey, SurveyError, Uncertainties
-
-Array = NDArray[np.float64]
 
 #: Names of the uncertainties on the command line, and their fields.
 _STDS = {

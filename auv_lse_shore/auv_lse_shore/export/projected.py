@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_shore.export.content import Export, ExportError
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.export.uncertainty import cell_tvu_m, orders_met
-
-Array = NDArray[np.float64]
 
 #: Latitudes (deg) for which UTM is defined.
 UTM_LATITUDES_DEG = (-80.0, 84.0)

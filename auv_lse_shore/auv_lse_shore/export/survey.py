@@ -15,14 +15,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_data import RunData, VehicleRun
-
-Array = NDArray[np.float64]
 
 #: Sound speed (m/s) that sounders assume unless they are set up otherwise.
 USUAL_SOUNDER_SPEED_MPS = 1500.0
@@ -208,7 +206,7 @@ def _check_gaps(times_s: Array, stamp_s: Array) -> None:
         )
 
 
-def _step_around(times_s: Array, stamp_s: Array) -> tuple[NDArray[np.int64], Array]:
+def _step_around(times_s: Array, stamp_s: Array) -> tuple[Ints, Array]:
     """The level before each sounding (n,), and the time from it to the next (s); 0 for one at the time of a level."""
     before = (np.searchsorted(times_s, stamp_s) - 1).clip(0)
     return before, np.where(times_s[before + 1] == stamp_s, 0.0, np.diff(times_s)[before])

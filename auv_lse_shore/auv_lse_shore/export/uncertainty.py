@@ -10,15 +10,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_shore.export.survey import Survey, vehicle_depth_m
 from auv_lse_shore.judge.team_map import TeamMap
 
-Array = NDArray[np.float64]
-Codes = NDArray[np.int64]
+Codes = Ints
 
 #: The edition whose limits are used.
 EDITION = "IHO S-44 Edition 6.1.0"

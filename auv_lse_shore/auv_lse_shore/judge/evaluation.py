@@ -14,11 +14,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import Piece
@@ -33,10 +33,6 @@ from auv_lse_shore.judge.reward import Curves, reward_curves
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.judge.team_map import TeamMap, map_of, mission_settings, placed
 from auv_lse_shore.judge.tracks import true_positions
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 
 #: Number of locations over which map risk is averaged at the steps before the end (at the end: over all).
 RISK_LOCATIONS = 1500

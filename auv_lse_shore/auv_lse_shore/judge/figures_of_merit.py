@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import (
     FLAT,
@@ -38,9 +38,6 @@ from auv_lse_shore.judge.tracks import (
     true_positions,
 )
 from auv_lse_shore.judge.verdict import judge
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: A location with at least this probability counts as surely on one side of the level.
 SURE = 0.95

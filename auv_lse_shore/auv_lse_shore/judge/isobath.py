@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.level_set.lines import FOUND_WITHIN_M, resample
-
-Array = NDArray[np.float64]
 
 
 def trace(north_m: Array, east_m: Array, depth_m: Array, level_m: float) -> list[Array]:

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING, STRIPS, id_in_packet
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.banks import Banks
@@ -20,8 +20,6 @@ from auv_lse_gp.map.online import MAX_DENSE, OnlineGp
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.planned_paths import PlannedPaths
-
-Array = NDArray[np.float64]
 
 #: Number of map locations, or a few more, over which each vehicle's lawnmower is chosen.
 CHOICE_LOCATIONS = 300

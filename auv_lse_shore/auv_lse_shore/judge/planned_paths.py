@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -14,8 +14,6 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_record.run_data import DecisionRecord, VehicleRun
-
-Array = NDArray[np.float64]
 
 
 class PlannedPaths:

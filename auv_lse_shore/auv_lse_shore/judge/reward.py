@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -41,8 +41,6 @@ from auv_lse_shore.judge.lawnmower import (
     risk_if_measured,
 )
 from auv_lse_shore.judge.planned_paths import PlannedPaths, soundings_by_leg
-
-Array = NDArray[np.float64]
 
 #: Number of parts of the mission after each of which map risk is computed.
 RISK_EVERY = 12
@@ -161,7 +159,7 @@ class _Replay:
             before = self.risk(self.gp, map_m)
         return float(before.mean()), float(after.mean())
 
-    def travel(self, step: int) -> tuple[Array, NDArray[np.int64]]:
+    def travel(self, step: int) -> tuple[Array, Ints]:
         """Takes the soundings of a leg of all vehicles; drop of risk at each location of it, and index of its
         vehicle."""
         plans = [own.get(step) for own in self.decisions]

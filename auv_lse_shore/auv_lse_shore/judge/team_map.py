@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.lines import near
 from auv_lse_gp.map import certainty
@@ -26,8 +26,6 @@ from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.isobath import write_geojson
 from auv_lse_shore.positions.adjustment import Adjustment, adjust, corrects_positions
 from auv_lse_shore.positions.merging import merged
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

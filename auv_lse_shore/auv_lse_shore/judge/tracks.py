@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_data import VehicleRun
-
-Array = NDArray[np.float64]
 
 #: Time (s) after the start from which separation counts: all vehicles start at one location, at their own depths.
 SEPARATION_FROM_S = 60.0

@@ -6,16 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthField
 from auv_lse_record.run_data import GroundGrid
 from auv_lse_shore.judge import isobath
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

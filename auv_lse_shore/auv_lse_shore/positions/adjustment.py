@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.mission_file.sections.positions import positions_of
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.positions.corrected_map import CorrectedMap
 from auv_lse_gp.positions.correction import Correction
@@ -34,8 +34,6 @@ from auv_lse_shore.positions.recordings import (
     segments_of,
     track_times_s,
 )
-
-Array = NDArray[np.float64]
 
 #: Steps of terrain matching: more than under way, where time is short.
 TERRAIN_STEPS = 8

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_gp.positions.measurements import FixMeasurement, RangeMeasurement
 from auv_lse_gp.positions.monotonic_clock import SET_AHEAD_S, MonotonicClock
@@ -17,8 +17,6 @@ from auv_lse_gp.positions.smoother import PositionSmoother
 from auv_lse_gp.positions.track import Track
 from auv_lse_gp.positions.track_segments import TrackSegments, segment_track
 from auv_lse_record.run_data import RunData, VehicleRun
-
-Array = NDArray[np.float64]
 
 #: A vehicle's key is its number plus this times the number of its dive: vehicles of different dives differ.
 KEYS_PER_DIVE = 1000

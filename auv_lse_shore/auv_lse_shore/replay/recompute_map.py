@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
@@ -19,8 +18,6 @@ from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.positions.position_corrector import corrector_for
 from auv_lse_shore.replay.inputs import Pending, VehicleInputs, ticks_of
-
-Array = NDArray[np.float64]
 
 #: Without lockstep a node may have received a sounding this much earlier (s) than the recorder.
 _AHEAD_S = 1.0

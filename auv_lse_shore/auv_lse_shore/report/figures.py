@@ -19,15 +19,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.map.certainty import CLASSES, FOUND, GUESSED, LIKELY, Piece, lines_of
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.quantity_names import COST_PER_LOCATION, DEPTH, DEPTH_STD, MAP_RISK
 from auv_lse_shore.judge.tracks import navigation_error, track
 from auv_lse_shore.report.map_marks import add_graticule
 
-Array = NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
 

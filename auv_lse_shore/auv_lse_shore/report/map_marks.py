@@ -7,11 +7,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
-
-Array = NDArray[np.float64]
 
 #: Color of the lines of latitude and longitude, and their width (points).
 GRATICULE: dict[str, Any] = {"color": "#7a7a7a", "lw": 0.45, "ls": (0, (1.0, 3.0)), "zorder": 2.5}

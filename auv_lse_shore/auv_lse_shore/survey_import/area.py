@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.missing_packages import missing
-
-Array = NDArray[np.float64]
 
 #: The area ends this far (m) from the outermost soundings.
 MARGIN_M = 25.0
@@ -121,11 +119,11 @@ def surveyed_area(locations_m: Array, length_scale_m: float) -> SurveyedArea:
     )
 
 
-def one_of_each_cell(positions_m: Array, cell_m: float) -> NDArray[np.int64]:
+def one_of_each_cell(positions_m: Array, cell_m: float) -> Ints:
     """Numbers of the first position in each square cell that has any."""
     cells = np.floor(positions_m / cell_m).astype(np.int64)
     cells -= cells.min(axis=0)
-    first: NDArray[np.int64] = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_index=True)[1]
+    first: Ints = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_index=True)[1]
     return first
 
 

@@ -12,16 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.water import depth_of
 from auv_lse_gp.no_data import APART_IN_LOGS, fill_values
 from auv_lse_shore.survey_import.frequencies import join_frequencies
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
-
-Array = NDArray[np.float64]
 
 #: Share of the lowest pressures of a log whose largest counts as the pressure at the surface.
 _SURFACE_SHARE = 0.01
@@ -198,7 +196,7 @@ def _reasons(content: LogContent) -> str:
     return f" ({'; '.join([*reasons, *found])})" if reasons or found else ""
 
 
-def _is_good(rows: Array, scale: float, least_percent: float) -> NDArray[np.bool_]:
+def _is_good(rows: Array, scale: float, least_percent: float) -> Mask:
     """Mask of the pings whose quality suffices.
 
     Without a scale it is the smallest of 1, 10, 100 and 255 that holds all values. A quality of 0 is "unknown" only
@@ -213,7 +211,7 @@ def _is_good(rows: Array, scale: float, least_percent: float) -> NDArray[np.bool
         scale = next((s for s in (1.0, 10.0, 100.0, 255.0) if top <= s), top)
         if top < least_percent / 100.0 * scale:
             scale = top
-    good: NDArray[np.bool_] = ~known | (quality >= least_percent / 100.0 * scale)
+    good: Mask = ~known | (quality >= least_percent / 100.0 * scale)
     return good
 
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from auv_lse_common.support.arrays import Array, Mask
 
 #: Reasons of readers of several formats.
 NO_FIX = "positions without a fix"

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M, VehicleConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
@@ -24,8 +24,6 @@ from auv_lse_shore.survey_import.picture import draw_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.team import FIX_EVERY_S
 from auv_lse_shore.survey_import.words import DIVE, PICTURE, SOUNDINGS
-
-Array = NDArray[np.float64]
 
 #: Most soundings in the table, and length of a leg (m) by which a dive's steps are proposed.
 MOST_SOUNDINGS, LEG_M = 200_000, 23.6

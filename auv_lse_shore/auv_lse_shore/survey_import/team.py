@@ -9,16 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_data import VehicleRun
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.track import PlacedLog
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Positions count as fixes this far apart (s). Errors of GPS last about ten minutes: nearer fixes have the same one.
 FIX_EVERY_S = 600.0

@@ -14,16 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.pings import period_of
 from auv_lse_common.vocabulary.sounding_gate import passing
 from auv_lse_gp.soundings import longitude_180
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError, SurveyLog
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: A depth needs positions before and after it, not farther apart than `GAPS` times their usual spacing, and this (s).
 GAPS, LEAST_GAP_S, LARGEST_GAP_S = 3.0, 5.0, 120.0
@@ -147,16 +144,14 @@ def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placemen
     )
 
 
-def _first_of_each(times: Array, period_s: float) -> NDArray[np.int64]:
+def _first_of_each(times: Array, period_s: float) -> Ints:
     """Numbers of the first of the rising times (n,) in each period that has any, and of the last."""
     is_first = np.append(True, np.diff(np.floor((times - times[0]) / period_s)) != 0.0)[: len(times)]
     is_first[-1:] = True
     return np.flatnonzero(is_first)
 
 
-def _track(
-    log: SurveyLog, origin: tuple[float, float] | None, how: Placement
-) -> tuple[NDArray[np.int64], Array, Array]:
+def _track(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> tuple[Ints, Array, Array]:
     """Which positions are used, their times (s), and rows (north m, east m, course rad, depth of the vehicle m)."""
     left_out = log.left_out
     times, north, east = log.positions.T

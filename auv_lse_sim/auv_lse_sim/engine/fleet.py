@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.records import Transmission
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
@@ -45,8 +45,6 @@ from auv_lse_record.run_data import (
 )
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.world import VehicleOutput, World
-
-Array = NDArray[np.float64]
 
 
 @dataclass(slots=True)

@@ -10,18 +10,16 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.mission_file.sections.area import corners
 from auv_lse_common.mission_file.sections.world import ChartConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_sim.ground.ground import Ground, GroundError
 from auv_lse_sim.ground.ground_source import ground_of
-
-Array = NDArray[np.float64]
 
 #: Distance (m) by which the chart extends beyond the bounding box of the operating area.
 BEYOND_M = 50.0

@@ -10,15 +10,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.plurals import counted
 from auv_lse_gp.no_data import OFTEN_NO_DATA, fill_values, is_no_data
 from auv_lse_sim.ground.grid_ground import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
-
-Array = NDArray[np.float64]
 
 #: Positive values come near 0 if the least (but 1 %) is below this (m), or below this share of the largest.
 _NEAR_M, _NEAR_SHARE = 2.0, 0.1

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
@@ -27,7 +27,6 @@ from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.raster_ground import raster_ground
 
-Array = NDArray[np.float64]
 #: Latitudes and longitudes (deg).
 Corners = Sequence[tuple[float, float]]
 

@@ -9,15 +9,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_sim.ground.ground import GroundError
-
-Array = NDArray[np.float64]
 
 DEEPEST_M = 11_000.0  # deeper than any ocean: larger depths have another unit or are wrong
 

@@ -8,12 +8,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.extent import Extent
-
-Array = NDArray[np.float64]
 
 
 class Ground(Protocol):

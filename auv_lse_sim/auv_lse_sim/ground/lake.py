@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import RectBivariateSpline
 
 from auv_lse_common.mission_file.sections.world import LakeConfig
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.seeds import stream
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +115,7 @@ def _relief(waves: Array, north: Array, east: Array) -> Array:
     return relief.reshape(north.shape) * math.sqrt(2.0 / len(waves))
 
 
-def _closed_shoals(shallow: NDArray[np.bool_], cell_m2: float, least_m2: float) -> int:
+def _closed_shoals(shallow: Mask, cell_m2: float, least_m2: float) -> int:
     """Number of connected shallow patches of at least `least_m2` that do not touch the raster's edge."""
     labels, count = ndimage.label(shallow)
     edge = set(np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])).tolist())

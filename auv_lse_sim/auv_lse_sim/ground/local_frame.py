@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.soundings import FAR_M, is_far
 from auv_lse_sim.ground.ground import GroundError
-
-Array = NDArray[np.float64]
 
 
 def ranges(north: Array, east: Array) -> str:

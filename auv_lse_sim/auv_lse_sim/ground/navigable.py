@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, coverage
 from auv_lse_common.mission_file.operating_area import OperatingArea, free_m2
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.plurals import area_size, counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
@@ -28,9 +28,6 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
 from auv_lse_sim.ground.reach import clip_to_reachable, without_unreachable
 from auv_lse_sim.ground.shore import shore_of
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Maximum number of cells of the area's raster; larger areas get larger cells.
 MAX_CELLS = 400_000

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.soundings import longitude_180
@@ -17,8 +17,6 @@ from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes, checked_origin
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near
-
-Array = NDArray[np.float64]
 
 
 def raster_ground(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from contourpy import contour_generator
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Mask
 from auv_lse_common.support.plurals import area_size
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
@@ -104,7 +104,7 @@ def _rings(space: FreeSpace, part: UnreachedPart) -> list[shapely.LinearRing]:
     return [piece.exterior for piece in _without_holes(shape.buffer(tolerance_m, join_style="mitre"))]
 
 
-def _holds(space: FreeSpace, ring: shapely.Polygon, water: NDArray[np.bool_]) -> bool:
+def _holds(space: FreeSpace, ring: shapely.Polygon, water: Mask) -> bool:
     """Whether any water lies in a ring."""
     rows, columns = np.nonzero(water)
     return bool(

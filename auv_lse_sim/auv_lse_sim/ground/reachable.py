@@ -20,11 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_action, feasible_mask, is_feasible
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Bins of the flood: their size (m), at most that share of the shortest leg, and the number of headings.
 BIN_M, BIN_SHARE, HEADINGS = 4.0, 0.2, 72
@@ -107,7 +105,7 @@ def _missing(space: FreeSpace, rest: Mask) -> tuple[NDArray[np.int32], list[int]
     return labels, [int(i) + 1 for i in order if sizes[i] >= math.pi * _reach_m(space) ** 2]
 
 
-def _nodes_at(space: FreeSpace, locations_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _nodes_at(space: FreeSpace, locations_m: Array) -> tuple[Ints, Ints]:
     """Rows and columns of the raster's nodes nearest to locations (P, 2)."""
     row = np.rint((locations_m[:, 0] - space.north0_m) / space.cell_m).astype(np.int64)
     column = np.rint((locations_m[:, 1] - space.east0_m) / space.cell_m).astype(np.int64)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from contourpy import contour_generator
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Distance (m) from the area within which the shore counts.
 REACH_M = 40.0

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_gp.soundings import FAR_M, is_far, local_positions
@@ -22,8 +22,6 @@ from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near, ranges
-
-Array = NDArray[np.float64]
 
 #: Distance (m) from the middle of a survey beyond which a position is wrong.
 _APART_M = 1_000_000.0
@@ -71,7 +69,7 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
     )
 
 
-def check_together(path: Path, north: Array, east: Array, lines: Sequence[int] | NDArray[np.int64]) -> None:
+def check_together(path: Path, north: Array, east: Array, lines: Sequence[int] | Ints) -> None:
     """Checks that no sounding lies absurdly far from the others.
 
     Raises:

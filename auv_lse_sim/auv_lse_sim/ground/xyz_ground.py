@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
@@ -18,8 +17,6 @@ from auv_lse_sim.ground.grid_ground import GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near
 from auv_lse_sim.ground.soundings_ground import check_together, grid_soundings
-
-Array = NDArray[np.float64]
 
 
 def is_xyz(path: Path) -> bool:

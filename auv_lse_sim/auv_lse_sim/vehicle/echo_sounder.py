@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.sim import SimConfig
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.vocabulary.pings import by_period, period_of, sounding_of
 from auv_lse_sim.vehicle.records import Results
-
-Array = NDArray[np.float64]
 
 
 class EchoSounder:
@@ -76,7 +74,7 @@ class EchoSounder:
         pings[:, 4], pings[:, 5] = results.raw_north, results.raw_east
         return self._soundings(pings[np.isfinite(echo)], float(stamps_s[-1]))
 
-    def _reached(self, altitude_m: Array) -> NDArray[np.bool_]:
+    def _reached(self, altitude_m: Array) -> Mask:
         """Whether the bottom is within the DVL's range."""
         sim = self._sim
         if sim.dvl.ideal or sim.ideal:

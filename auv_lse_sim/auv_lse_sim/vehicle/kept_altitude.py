@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.safety.altitude_keeper import AltitudeKeeper
+from auv_lse_common.support.arrays import Array
 from auv_lse_sim.vehicle.records import Results
-
-Array = NDArray[np.float64]
 
 #: Depth control ignores smaller changes (m), upwards and downwards.
 RAISED_M, LOWERED_M = 0.05, 0.3

@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
 from auv_lse_sim.vehicle.navigation import (
     DVL_SCALE,
@@ -41,7 +42,7 @@ from auv_lse_sim.vehicle.navigation import (
     update_gps,
     wrap,
 )
-from auv_lse_sim.vehicle.records import Array, Draws, Filter, Model
+from auv_lse_sim.vehicle.records import Draws, Filter, Model
 
 # -- surfacing
 NOT_SURFACING, TO_SURFACE, TO_DEPTH = 0.0, 1.0, 2.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_sim.vehicle.motion_model import WAITING
 from auv_lse_sim.vehicle.navigation import (
     COMPASS_BIAS,
@@ -24,7 +25,7 @@ from auv_lse_sim.vehicle.navigation import (
     SWAY,
     wrap,
 )
-from auv_lse_sim.vehicle.records import PARAMETERS, STATE, Array, Filter, Model, new_record
+from auv_lse_sim.vehicle.records import PARAMETERS, STATE, Filter, Model, new_record
 
 DEG = math.pi / 180.0
 

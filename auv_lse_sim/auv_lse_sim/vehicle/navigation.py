@@ -30,11 +30,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
-
-Array = NDArray[np.float64]
 
 NORTH, EAST, HEADING, SURGE, SWAY, GYRO_BIAS, COMPASS_BIAS, DVL_SCALE, COMPASS_SIN, COMPASS_COS = range(10)
 STATES = 10

@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
 from auv_lse_sim.vehicle.motion_model import sense
 from auv_lse_sim.vehicle.navigation import DVL_SCALE, EAST, HEADING, NORTH, SURGE, SWAY, wrap
-from auv_lse_sim.vehicle.records import Array, Draws, Model
+from auv_lse_sim.vehicle.records import Draws, Model
 
 #: Position control (1/s), heading control (1/s), and speed through the water (m/s) at full thrust.
 GAIN, YAW_GAIN, FULL_MPS = 0.62, 4.0, 2.0

@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 
 def _record(*names: str) -> np.dtype[Any]:

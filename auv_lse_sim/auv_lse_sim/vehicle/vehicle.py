@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Stop
@@ -41,8 +41,6 @@ from auv_lse_sim.vehicle.records import (
 )
 from auv_lse_sim.vehicle.target_leg import leg_to
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
-
-Array = NDArray[np.float64]
 
 #: A leg that starts within these limits of the last leg's end continues it.
 SEAM_M = 0.5

@@ -19,11 +19,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from auv_lse_common.mission_file.sections.world import ChannelConfig
+from auv_lse_common.support.arrays import Array
 
-Array = NDArray[np.float64]
 Position = tuple[float, float, float]
 #: Whether land lies between two positions (north, east, depth (m)).
 Blocked = Callable[[Position, Position], bool]

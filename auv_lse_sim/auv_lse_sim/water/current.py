@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import CurrentConfig
-
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 
 class Current:

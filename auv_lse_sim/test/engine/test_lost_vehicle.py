@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 
@@ -13,7 +13,7 @@ from auv_lse_sim.ground.ground_source import ground_of
 LOST_S, EXPIRY_S = 100.0, 120.0
 
 
-def survivor(seed: int, expiry_s: float) -> tuple[Fleet, NDArray[np.float64], list[str]]:
+def survivor(seed: int, expiry_s: float) -> tuple[Fleet, Array, list[str]]:
     """A mission of two from which auv2 vanishes; the positions that it was still to visit, and what auv1 has said."""
     settings = Settings.load(
         None,
@@ -41,7 +41,7 @@ def survivor(seed: int, expiry_s: float) -> tuple[Fleet, NDArray[np.float64], li
     return fleet, ahead, said
 
 
-def visited(fleet: Fleet, locations_m: NDArray[np.float64]) -> float:
+def visited(fleet: Fleet, locations_m: Array) -> float:
     """Share of the positions to which auv1 came within 25 m after auv2 was lost."""
     track = np.array(fleet.cores[0].log.truth)
     track = track[track[:, 0] > LOST_S, 1:3]

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.naive_ids import FITTED, IDS, id_in_packet, id_in_plan
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_comms.packet.codec import Packet, decode, encode
@@ -21,7 +21,6 @@ from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
-Array = NDArray[np.float64]
 MISSION_STEPS = 100
 POLYGON = (-50.0, -50.0, 550.0, -50.0, 600.0, 650.0, -50.0, 600.0)
 NO_GO = {"island": (200.0, 200.0, 280.0, 200.0, 280.0, 290.0, 200.0, 290.0)}

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.world import ChannelConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_sim.water.channel import (
     RATES,
     Arrival,
@@ -211,7 +211,7 @@ def test_blackouts_by_schedule() -> None:
     assert read(back.arrivals(100.0)) == [(1, 2, "blackout")]
 
 
-def peninsula(north_m: NDArray[np.float64], east_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def peninsula(north_m: Array, east_m: Array) -> Array:
     """Water 20 m deep but for a wall of land at 40 <= east <= 60 that ends at north = 100; unknown beyond 1000."""
     depth = np.where((east_m >= 40.0) & (east_m <= 60.0) & (north_m <= 100.0), -1.0, 20.0)
     return np.where(north_m > 1000.0, np.nan, depth)

@@ -13,10 +13,10 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.stamps import seconds
@@ -162,7 +162,7 @@ class Witness:
         """Whether the mission is in one of `states`."""
         return self.state is not None and self.state.state in states
 
-    def centers_m(self) -> NDArray[np.float64]:
+    def centers_m(self) -> Array:
         """North, east (m) of the centers of the map published last, (n, 2)."""
         if not self._centers:
             return np.zeros((0, 2))

@@ -21,13 +21,12 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from benchmarks.planning.planners.interface import View
 
-Array = NDArray[np.float64]
 Actions = tuple[int, ...]
 
 #: Legs that a sequence has.

@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.method import Choice, PlanningContext, Situation
@@ -39,8 +39,6 @@ from auv_lse_planner.search.path_search import Proposal
 from auv_lse_planner.search.routing import Ground
 from auv_lse_planner.search.uct import SearchResult
 from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
-
-Array = NDArray[np.float64]
 
 #: Legs without coming closer to a waypoint after which it is left out: it cannot be reached.
 GIVE_UP_LEGS = 6

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import near, resample
 from auv_lse_gp.map.certainty import FOUND, Piece, classify, lines_of
@@ -19,8 +19,6 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_record.run_data import GroundGrid, RunData
 from auv_lse_shore.judge.isobath import compare, length_m, trace
 from auv_lse_shore.judge.team_map import team_map
-
-Array = NDArray[np.float64]
 
 #: Cell (m) of the judged map, larger where an area would have more than `MAX_CELLS`.
 CELL_M, MAX_CELLS = 5.0, 16_000

@@ -13,15 +13,13 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from benchmarks.planning.planners.dec_mcts import WIDE, DecMcts
 from benchmarks.planning.planners.interface import Planner, View
-
-Array = NDArray[np.float64]
 
 #: Most cells at which a joint covariance is computed.
 MAX_CELLS = 700

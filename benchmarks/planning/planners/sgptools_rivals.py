@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from benchmarks.planning.peer_environment import answer
 from benchmarks.planning.planners.interface import View
-
-Array = NDArray[np.float64]
 
 #: Waypoints for each leg of the mission, and time of the travelling salesman (s).
 WAYPOINTS_PER_LEG, TSP_S = 0.45, 10

@@ -6,12 +6,10 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_CORNERS
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.map.certainty import CLASSES
 from auv_lse_shore.export.content import NO_ORIGIN, Export
-
-Array = NDArray[np.float64]
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
 #: Color (alpha, blue, green, red, as KML writes it) and width (pixels) of each kind of line.

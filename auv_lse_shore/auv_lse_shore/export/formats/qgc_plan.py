@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.map.certainty import FOUND
 from auv_lse_shore.export.content import NO_ORIGIN, Export
 from auv_lse_shore.judge.team_map import TeamMap, mission_settings
-
-Array = NDArray[np.float64]
 
 #: Largest distance (m) of the path along the waypoints from the isobath.
 TOLERANCE_M = 1.0

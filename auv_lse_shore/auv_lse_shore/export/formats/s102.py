@@ -8,12 +8,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_shore.export.content import NO_ORIGIN, Export, ExportError
 from auv_lse_shore.export.projected import Chart, project
-
-Array = NDArray[np.float64]
 
 #: Value of cells without data, and the limits that S-102 states for its two attributes.
 _NO_DATA = 1_000_000.0

@@ -5,15 +5,13 @@ from __future__ import annotations
 import csv
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.run_data import VehicleRun
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.uncertainty import ORDERS, sounding_uncertainty
-
-Array = NDArray[np.float64]
 
 #: Columns of the table; those of latitude and longitude only where the origin is known.
 COLUMNS = (

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.records import (
     BoundReport,
     FieldReport,
@@ -40,8 +40,6 @@ from auv_lse_shore.live.sources.map_layers import LayerCoder, scales_of, thinnin
 from auv_lse_shore.live.sources.own_map import OwnMap
 from auv_lse_shore.live.sources.plan_lines import PlanLines, decimetres
 from auv_lse_shore.live.sources.timeline import Event
-
-Array = NDArray[np.float64]
 
 #: Mission time (s) between the positions of a track.
 _TRACK_S = 2.0

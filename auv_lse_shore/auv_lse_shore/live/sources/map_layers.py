@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
+
 Bytes = NDArray[np.uint8]
 
 #: The byte of a cell outside of the operating area.

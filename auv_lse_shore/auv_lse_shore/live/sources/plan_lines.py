@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.naive_ids import HOLD, STRAIGHT_ON
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
-
-Array = NDArray[np.float64]
 
 #: Points on each leg of a plan.
 POINTS_PER_LEG = 4

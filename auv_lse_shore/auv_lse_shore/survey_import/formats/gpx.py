@@ -6,8 +6,8 @@ from array import array
 from xml.etree.ElementTree import ParseError, XMLParser
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
@@ -104,7 +104,7 @@ class _Points:
             self.stamps[name].append(point.get("time", "").strip())
 
 
-def _fill(content: LogContent, stamps: list[str], rows: NDArray[np.float64]) -> None:
+def _fill(content: LogContent, stamps: list[str], rows: Array) -> None:
     """Adds positions and depths, with times or as numbered points."""
     times = datetimes(stamps, None)[0]
     if not np.isfinite(times).mean() > 0.5:

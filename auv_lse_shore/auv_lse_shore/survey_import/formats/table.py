@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
@@ -22,8 +23,6 @@ from auv_lse_shore.survey_import.parsing.columns import (
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
 from auv_lse_shore.survey_import.survey_log import LogError
-
-Array = NDArray[np.float64]
 
 #: The most columns that are listed as not used.
 _MOST_LISTED = 12

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.length_units import factor_of
 from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
-
-Array = NDArray[np.float64]
 
 _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)(?:-(?=\d)|[°º d:]*)\s*"
                     r"(?:(\d+(?:\.\d*)?)(?:-(?=\d)|['′ m:]*))?\s*"

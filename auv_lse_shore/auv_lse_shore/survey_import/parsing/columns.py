@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Mask
 from auv_lse_gp.length_units import METRES, factor_of
 from auv_lse_shore.survey_import.parsing.column_names import ROLES, Column, column_of, named_columns
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
 from auv_lse_shore.survey_import.parsing.proposal import proposal
 from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,15 +7,12 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.length_units import METRES
 from auv_lse_shore.survey_import.parsing.column_names import column_of
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of
 from auv_lse_shore.survey_import.parsing.times import days, of_day_s
-
-Array = NDArray[np.float64]
-
 
 #: What names of columns of heights, and of either depths or heights, contain.
 _HEIGHT_NAME = re.compile("elev|height|h(o|oe|ö)he|quota|cota", re.IGNORECASE)

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Numbers = NDArray[np.int64]
+from auv_lse_common.support.arrays import Array, Ints, Mask
+
 #: Fields as bytes, shape (n,).
 Cells = NDArray[np.bytes_]
 
@@ -47,7 +46,7 @@ class Sentences:
         names = np.ascontiguousarray(heads[:, 1:6])
         is_wanted = np.isin(np.ascontiguousarray(heads[:, 3:6]).view("S3")[:, 0], np.array(kinds))
         is_wanted &= (heads[:, 6] == ord(",")) & _IS_NAME[names[:, :2]].all(axis=1)
-        self.positions: Numbers = starts[is_wanted]
+        self.positions: Ints = starts[is_wanted]
         self.names: Cells = names.view("S5")[is_wanted, 0]
         ends = np.append(np.flatnonzero(_IS_END[self._data[: len(data)]]), len(data))
         ends = ends[np.searchsorted(ends, self.positions + 1)]
@@ -55,7 +54,7 @@ class Sentences:
         commas = np.flatnonzero(self._data[: len(data)] == ord(","))
         self._commas = np.append(commas, len(data))
         self._first = np.searchsorted(commas, self.positions + _HEAD - 1)
-        self.counts: Numbers = np.searchsorted(commas, self._ends) - self._first
+        self.counts: Ints = np.searchsorted(commas, self._ends) - self._first
 
     def are_intact(self) -> Mask:
         """Whether each sentence's checksum is right, shape (n,); sentences without one are intact."""
@@ -69,7 +68,7 @@ class Sentences:
         intact: Mask = ~has_sum | (sums == (high << 4) + low)
         return intact
 
-    def cells(self, rows: Numbers, number: int, width: int = _WIDTH) -> Cells:
+    def cells(self, rows: Ints, number: int, width: int = _WIDTH) -> Cells:
         """A field (0, 1, ...) of some sentences; b"" where it is missing, b"?" where it is too long."""
         exists = self.counts[rows] > number
         comma = np.where(exists, self._first[rows] + number, 0)
@@ -80,7 +79,7 @@ class Sentences:
         cells = found.view(f"S{width}")[:, 0]
         return np.where(sizes > width, np.bytes_(b"?"), cells)
 
-    def numbers(self, rows: Numbers, number: int, empty: float = np.nan) -> Array:
+    def numbers(self, rows: Ints, number: int, empty: float = np.nan) -> Array:
         """A field (0, 1, ...) of some sentences as numbers; NaN where it is not one."""
         return numbers_of(self.cells(rows, number), empty)
 

@@ -16,12 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.parsing.sentence_fields import Sentences, day_of, days, degrees, numbers_of, of_day_s
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Numbers = NDArray[np.int64]
 
 #: Any sentence, to recognize a log.
 ANY_SENTENCE = re.compile(rb"[$!][A-Z0-9]{5},[^\r\n]{3}")
@@ -47,7 +44,7 @@ _SAME_OFFSET_M = 0.01
 SOUNDER_LAG_STD_S = 0.5
 
 #: Arrivals (n,) of sentences, in any unit, from the positions (n,) of their first bytes in the log.
-Arrivals = Callable[[Numbers], Array]
+Arrivals = Callable[[Ints], Array]
 
 
 class _Timed(NamedTuple):
@@ -96,7 +93,7 @@ class SentenceReader:
         if count:
             self._content.left_out[f"{kind} sentences that are incomplete"] += count
 
-    def _add_depth_sentences(self, found: Sentences, rows: Numbers, at: Array, source: str) -> None:
+    def _add_depth_sentences(self, found: Sentences, rows: Ints, at: Array, source: str) -> None:
         if source.endswith("DPT"):
             depths, offsets = found.numbers(rows, 0, empty=0.0), _leading_numbers(found.cells(rows, 1))
         else:
@@ -117,7 +114,7 @@ class SentenceReader:
         if len(table):
             self._depths.setdefault(source, array("d")).frombytes(table.tobytes())
 
-    def _add_position_sentences(self, found: Sentences, rows: Numbers, at: Array, source: str) -> Array:
+    def _add_position_sentences(self, found: Sentences, rows: Ints, at: Array, source: str) -> Array:
         """Adds the positions of one kind; returns whether each sentence has a fix, NaN for those that are damaged."""
         kind = source[2:]
         clock_at, first = _POSITIONS[kind.encode()]
@@ -138,7 +135,7 @@ class SentenceReader:
         flags: Array = np.where(timed, is_fix, np.nan)
         return flags
 
-    def _add_dates(self, found: Sentences, rows: Numbers, at: Array, fixes: Array) -> None:
+    def _add_dates(self, found: Sentences, rows: Ints, at: Array, fixes: Array) -> None:
         """Adds the times of ZDA; their dates count if the last position before them had a fix."""
         known = np.flatnonzero(np.isfinite(fixes))
         before = np.searchsorted(known, rows) - 1
@@ -234,7 +231,7 @@ def _epochs(arrivals: Array, stamps: Array) -> tuple[Array, Array]:
     return arrivals[kept], stamps[kept]
 
 
-def _spread(arrivals: Array, epochs: Array, stamps: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _spread(arrivals: Array, epochs: Array, stamps: Array) -> tuple[Array, Mask]:
     """Times (n,) of sentences without a time, and whether they came before the first epoch.
 
     The k-th of n sentences between two epochs is k / n of the interval after the first one. The interval after the
@@ -253,7 +250,7 @@ def _spread(arrivals: Array, epochs: Array, stamps: Array) -> tuple[Array, NDArr
     return stamps[at] + steps[at] * order / np.repeat(counts, counts), before
 
 
-def _is_fix(found: Sentences, rows: Numbers, kind: str) -> Mask:
+def _is_fix(found: Sentences, rows: Ints, kind: str) -> Mask:
     """Whether sentences of a kind have a measured position."""
     is_fix: Mask
     if kind == "GGA":

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_gp.length_units import factor_of
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.log_file import ReadOptions
@@ -45,8 +45,6 @@ from auv_lse_shore.survey_import.parsing.times import (
 )
 from auv_lse_shore.survey_import.parsing.units import TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
-
-Array = NDArray[np.float64]
 
 #: A clock that goes back by more than this (s) has passed midnight, or rows are in another order; by this, midnight.
 _BACK_S, _MIDNIGHT_S = 60.0, -82_800.0

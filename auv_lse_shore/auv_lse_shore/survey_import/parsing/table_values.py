@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_gp.length_units import factor_of, is_unstated, stated_m, stated_units, unit_column
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
@@ -23,9 +24,6 @@ from auv_lse_shore.survey_import.parsing.table_times import times_of
 from auv_lse_shore.survey_import.parsing.text import text_of
 from auv_lse_shore.survey_import.parsing.times import months
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Letters from which a table's dialect is found.
 SAMPLE_LETTERS = 100_000

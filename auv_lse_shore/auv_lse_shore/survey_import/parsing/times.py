@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from datetime import UTC, date, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Times from here on (s since 1970: 2000) are UTC; smaller ones count from a start.
 UTC_FROM_S = 946_684_800.0

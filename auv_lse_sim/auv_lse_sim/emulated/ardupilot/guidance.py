@@ -23,9 +23,8 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from auv_lse_common.support.arrays import Array
 
 #: Gain of the position controller (1/s).
 GAIN = 0.62

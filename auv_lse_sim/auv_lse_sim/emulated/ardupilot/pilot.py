@@ -8,7 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from auv_lse_sim.emulated.ardupilot.guidance import Array, Guidance, Pose
+from auv_lse_common.support.arrays import Array
+from auv_lse_sim.emulated.ardupilot.guidance import Guidance, Pose
 
 
 class OrderedPilot:
