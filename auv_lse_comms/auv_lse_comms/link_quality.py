@@ -106,7 +106,6 @@ class LinkQuality:
 
         Args:
             stamp_s: End of its reception (s).
-            source: Its sender.
             on_air_s: Duration (s) of a transmission.
 
         Returns:

@@ -47,7 +47,6 @@ class Ranging:
         """Starts without a dead-reckoned position.
 
         Args:
-            tdma: The slots of the vehicle.
             second_lead_s: If given, all transmissions of the team start on a full second, at least this long (s) after
                 their packets are given out, and modems report travel times without their whole seconds.
             pings: Whether mates are to be pinged.

@@ -89,8 +89,6 @@ def bridge_of(
 
     Args:
         parameters: Nested parameters of its modem_node; `mission.vehicles` and `mission.steps` are required.
-        where: Where they came from, for messages.
-        address: Number of the vehicle.
         confirmed: Whether a Micromodem (`modem.kind`) must confirm each packet.
         handshake_s: Time (s) from handing over a packet to the earliest transmission; 0 in simulated time.
 

@@ -91,7 +91,6 @@ def read_soundings_and_origin(path: Path, notes: list[str] | None = None) -> tup
     The origin is the middle of the soundings; None for a file in metres. Elevations count from the water surface.
 
     Args:
-        path: The table or grid.
         notes: Takes remarks for the user on what was not read.
 
     Raises:

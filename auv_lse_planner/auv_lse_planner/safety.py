@@ -36,7 +36,6 @@ class Safety:
         """Builds mission and watch from a nested parameter mapping; other sections are ignored.
 
         Args:
-            where: Source of the parameters, for messages.
             waits: Whether the mission waits for GO even if `vehicle.start` is at_once.
 
         Raises:

@@ -27,7 +27,6 @@ class Translator:
         """A message as this version publishes it; most are returned as they are.
 
         Args:
-            kind: Its type.
             data: The message (CDR).
         """
         if not kind.startswith(_OWN):

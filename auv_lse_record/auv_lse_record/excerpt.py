@@ -62,7 +62,6 @@ def excerpt(dive: Path, cursor: Cursor, topics: Mapping[str, float]) -> tuple[by
     """What was recorded in a dive since the last excerpt, of some topics.
 
     Args:
-        dive: The dive's folder.
         cursor: From the last excerpt; that of another dive, or a new one, starts over.
         topics: Shortest time (s) between two messages that are kept, by the topic's full name; 0: all are.
 

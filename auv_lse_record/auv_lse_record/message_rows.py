@@ -25,7 +25,6 @@ class MessageRows:
 
         Args:
             store: Type store with the type.
-            kind: Message type.
             fields: Fields of one of the messages.
             columns: The numbers that differ, shape (n,) each.
 

@@ -88,7 +88,6 @@ class Ration:
 
         Args:
             topic: Full name.
-            found: Its row.
             data: The message (CDR), beginning with a header.
         """
         row, stamp_s = found.topic, stamp_of(data)

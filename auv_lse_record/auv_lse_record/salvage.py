@@ -42,11 +42,7 @@ class Piece:
 
 
 def whole_pieces(data: bytes) -> Iterator[Piece]:
-    """The whole records of a file, in their order.
-
-    Args:
-        data: The content of the file.
-    """
+    """The whole records of a file, in their order."""
     at = len(MAGIC)
     while at < len(data):
         piece = _piece(data, at)

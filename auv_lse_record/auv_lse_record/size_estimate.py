@@ -48,7 +48,6 @@ def estimate_size(
         area: Size of the map.
         gp: Resolution of the map, and how often it is published.
         record: How much of the maps is recorded.
-        speed_mps: Speed of the vehicles.
     """
     path_m = mission.steps * math.radians(motion.theta_max_deg) * motion.turn_radius_m
     duration_s = path_m / speed_mps

@@ -51,10 +51,6 @@ def recorded_soundings(path: Path) -> Array:
 def read(path: Path, notes: list[str] | None = None) -> tuple[Array, tuple[float, float] | None]:
     """Soundings (n, 3) of a table, a grid, or a recorded run; and, if the source has lat, lon, the local origin (deg).
 
-    Args:
-        path: The source.
-        notes: Takes remarks for the user.
-
     Raises:
         OSError: if it cannot be read.
         ValueError: naming what was expected.

@@ -67,11 +67,8 @@ class World:
     number of draws from each depends only on the times and the transmissions.
 
     Args:
-        sim: Section `sim`.
         vehicles: One configuration per vehicle, by number from 1.
         area: Section `area`; a waiting vehicle circles to the side with more room. None: no limits.
-        ground: The ground under the vehicles.
-        seed: The mission's seed.
     """
 
     def __init__(

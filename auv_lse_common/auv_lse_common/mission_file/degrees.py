@@ -69,7 +69,6 @@ def in_metres(
     Args:
         patterns: Nested parameters by node pattern.
         folder: Folder that a relative `area.file` is in.
-        where: The mission file, for messages.
         read_area: Reads `area.file`; None: such a file is refused.
 
     Raises:

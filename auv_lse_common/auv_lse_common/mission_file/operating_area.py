@@ -143,10 +143,6 @@ class OperatingArea:
     def grid(self, resolution_m: float, name: str = "resolution_m") -> Grid:
         """Cells of `resolution_m` that cover the polygon's extent, aligned to multiples of the resolution.
 
-        Args:
-            resolution_m: Cell size.
-            name: Its parameter, for messages.
-
         Raises:
             ParameterError: if the resolution is not positive, there are too many cells, a cell is larger than the area,
                 or no center is in the area.

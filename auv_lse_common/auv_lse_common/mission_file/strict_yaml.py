@@ -87,7 +87,6 @@ def parse_yaml(text: str, where: str, is_recorded: bool = False) -> Any:
     """The content of a text in YAML; `where` names it in messages.
 
     Args:
-        where: Where it is from.
         is_recorded: Whether it was used already, so that numbers count as YAML 1.1 reads them.
 
     Raises:

@@ -134,7 +134,6 @@ class BaseNode(Node):
         """Whether a message must be ignored, because another dive has sent it, or may have.
 
         Args:
-            topic: The message's topic.
             participant: The participant of the ROS domain that has sent it; None: unknown.
         """
         if hasattr(message, "dive"):
@@ -146,7 +145,6 @@ class BaseNode(Node):
         """Whether a message of a dive must be ignored; reports a dive that was not present before.
 
         Args:
-            topic: The message's topic.
             sender: Its id.
         """
         now_s = time.monotonic()

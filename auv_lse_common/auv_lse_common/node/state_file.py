@@ -125,7 +125,6 @@ class StateFile:
         After a failure the next changed state is written into a new file.
 
         Args:
-            values: The state.
             wait_s: How long (s) to wait for the disk if the copy in memory is written; a thread goes on after it.
 
         Returns:

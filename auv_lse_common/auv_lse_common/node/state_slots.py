@@ -101,7 +101,6 @@ def create(path: Path, text: bytes) -> None:
 
     Args:
         path: The file; an existing one is replaced.
-        text: The record.
 
     Raises:
         OSError: if there is no room for it, or no permission.
@@ -158,9 +157,6 @@ def read_bytes(path: Path) -> bytes:
 
 def newest(data: bytes) -> tuple[int, bytes]:
     """Sequence and text of the newest slot.
-
-    Args:
-        data: The content of a state file.
 
     Raises:
         ValueError: saying what is wrong with the file.

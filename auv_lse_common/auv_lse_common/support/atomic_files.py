@@ -34,7 +34,6 @@ def written_whole(folder: Path, obsolete: Collection[str] = ()) -> Iterator[Path
     After an error `folder` is unchanged, or missing if it was. A signal during the move is answered after it.
 
     Args:
-        folder: The folder.
         obsolete: Patterns of files in `folder` that are then removed, unless they are new. It may grow meanwhile.
 
     Raises:

@@ -40,11 +40,7 @@ class InstalledCopy(NamedTuple):
 
 
 def copy_of(package: str) -> InstalledCopy | None:
-    """The copy of a package that Python imports here; None if there is none.
-
-    Args:
-        package: Name of a package of the stack.
-    """
+    """The copy of a package that Python imports here; None if there is none."""
     spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
         return None

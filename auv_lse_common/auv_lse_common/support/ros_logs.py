@@ -12,7 +12,6 @@ def init_arguments(arguments: Sequence[str] = (), environment: Mapping[str, str]
     """Arguments of `rclpy.init`: without ROS's log files if they cannot be written. The terminal has the same lines.
 
     Args:
-        arguments: The command line.
         environment: Where the folder is named; None: this process's.
     """
     own, variables = list(arguments), os.environ if environment is None else environment

@@ -177,8 +177,6 @@ class MateTracks:
 
         Args:
             now_s: When it was received (s).
-            source: Its sender.
-            packet: Its content.
             slot_s: Start (s) of the sender's slot to which it belongs; None: one of its own.
 
         Returns:

@@ -126,7 +126,6 @@ class Tagger:
 
         Args:
             data: Packet from `encode(..., reserve=self.reserve)`.
-            source: Number of the sender.
             slot_s: Start of the slot in which it is sent (s).
         """
         self.sealed_s = slot_s

@@ -69,7 +69,6 @@ def excluded_level(gp: GpConfig, level_m: float, locations_m: Array) -> Excluded
     excluded.
 
     Args:
-        gp: The prior.
         level_m: Depth of the isobath (m).
         locations_m: Corners of the area, shape (P, 2): north, east. A constant mean needs one location.
     """

@@ -51,7 +51,6 @@ def contours(north_m: Array, east_m: Array, values: Array, level: float, informe
         north_m: North of the rows, equally spaced, shape (R,).
         east_m: East of the columns, as far apart, shape (C,).
         values: A value of each cell, shape (R, C); NaN outside the area.
-        level: Value on the lines.
         informed: Where the ground is known from data, shape (R, C) (`DepthField.informed`).
 
     Returns:

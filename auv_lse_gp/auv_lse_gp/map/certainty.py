@@ -120,7 +120,6 @@ def classify(
 
     Args:
         lines: The isobath: lines, each of shape (n, 2): north, east (m).
-        field: The map from which they were drawn.
         signal_std_m: Standard deviation of the depth of open ground before the first sounding, `gp.signal_std_m`.
         soundings: Where soundings were taken: north, east, position error per axis (m; NaN: unknown), shape (S, 3).
         shore_known: Whether the map knows the shore (`area.shore`).

@@ -275,12 +275,7 @@ class DepthMap:
 def field_of(
     grid: Grid, moments: Moments, level_set: LevelSet, banks: Banks | None, signal_std_m: float, revision: int
 ) -> DepthField:
-    """The map on a grid, from the moments at its cells.
-
-    Args:
-        signal_std_m: `gp.signal_std_m`.
-        revision: The map's.
-    """
+    """The map on a grid, from the moments at its cells."""
     locations, relative, variance = grid.locations_m, moments.mean_m, moments.variance_m2
     scales = moments.scales + width_factor(banks, locations, relative, signal_std_m)
     mean, std = depths(banks, locations, relative, scales * variance + moments.position_variance_m2)

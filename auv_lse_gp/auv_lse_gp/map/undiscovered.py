@@ -176,8 +176,6 @@ def undiscovered(
     """The isobath that is not located.
 
     Args:
-        config: The prior.
-        centers: The soundings.
         level_m: Depth of the isobath (m).
         grid: The cells (`coarse_grid`).
         located: Whether the isobath is located at locations (P, 2): mask (P,).

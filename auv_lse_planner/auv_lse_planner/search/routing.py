@@ -251,7 +251,6 @@ def route_m(ground: Ground, start_m: Array, weights_at: Array, length_m: float, 
         start_m: North and east, shape (2,).
         weights_at: Importance of the ground's locations (P,); any unit.
         length_m: Largest length of the route.
-        count: Number of nodes.
     """
     nodes = ground.nodes_cm(count)
     start = np.rint(100.0 * np.asarray(start_m, dtype=float)).astype(np.int64)

@@ -145,7 +145,6 @@ class TourSearch:
             start_m: Start of the tour, shape (2,).
             legs: Length of the tour, in legs.
             axis_rad: Direction of the lanes (rad): 0 north, pi / 2 east.
-            count: Number of lanes.
             strip: Number of the strip, from 0, and the number of strips.
         """
         north_wise = abs(math.cos(axis_rad)) > 0.5

@@ -36,11 +36,7 @@ class Until:
     """
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea, mates: Sequence[int]) -> None:
-        """Starts without a judgement.
-
-        Args:
-            mates: Numbers of the team mates.
-        """
+        """Starts without a judgement."""
         self.asked = settings.mission.until
         self.quality = UNKNOWN
         self.met = 0
@@ -78,8 +74,6 @@ class Until:
         """Counts a judgement.
 
         Args:
-            now_s: Mission time.
-            decided: Number of steps decided.
             is_current: Whether the planner has no newer map than the one that was judged.
 
         Returns:

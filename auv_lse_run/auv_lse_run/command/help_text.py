@@ -37,11 +37,7 @@ def help_text(verbs: Iterable[Verb]) -> str:
 
 
 def version_text(packages: Iterable[str]) -> str:
-    """Which copy of the software runs; packages of another copy are listed below.
-
-    Args:
-        packages: The installed packages of the stack.
-    """
+    """Which copy of the software runs; packages of another copy are listed below."""
     copies = {package: copy for package in packages if (copy := copy_of(package)) is not None}
     main = copies["auv_lse_run"]
     commit = commit_of(main.folder) if main.kind == "checkout" else ""

@@ -12,10 +12,6 @@ from typing import Any
 def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Namespace:
     """The options of a command line.
 
-    Args:
-        parser: The verb's.
-        words: Its arguments.
-
     Raises:
         SystemExit: with 2 after a printed error, with 0 after help.
         OSError: if help cannot be written.

@@ -38,9 +38,7 @@ def conduct(
 
     Args:
         settings: The mission, as written to mission.yaml in `folder`.
-        folder: The run folder.
         environment: The processes' environment (`domain.node_environment`).
-        console: Where the progress is shown.
         interrupt: Ends the mission early.
         processes: What to start (`mission_processes`); other nodes of the mission are started elsewhere.
         start_s: Longest time (s) for the loaded nodes to discover each other; None: enough for a team of that size.
@@ -126,9 +124,7 @@ def write_times(
     """Writes logs/times.json; returns the wall-clock seconds of the phases.
 
     Args:
-        folder: The run folder.
         marks: Times (s) at which it "began", was "running" (left out if it never was) and "ended".
-        processor_s: Processor time of each process.
         started_s: Its part before the first tick.
     """
     phases = {"ending": time.monotonic() - marks["ended"]}

@@ -80,7 +80,6 @@ def simulation_domain(wanted: str | None, run: Path, vehicles: int = 0) -> Itera
 
     Args:
         wanted: As `simulator_domain` takes it.
-        run: The run folder.
         vehicles: Number of vehicles whose nodes the simulation runs itself: a second `auv1` is refused.
 
     Raises:
@@ -139,7 +138,6 @@ def vehicle_domain(domain: int, vehicle: int, simulated: bool) -> Iterator[int]:
     Several vehicles may share a domain, but not two with one number. A simulated vehicle joins its simulator.
 
     Args:
-        vehicle: The vehicle's number.
         simulated: Whether the nodes follow a simulator.
 
     Raises:
@@ -327,7 +325,6 @@ def note_run(domain: int, run: Path, dive: str, vehicle: int = 0) -> None:
 
     Args:
         run: The run folder of a simulation, or that of a vehicle's logs.
-        dive: Id of the dive or simulation.
         vehicle: As `lock_file` takes it.
 
     Raises:

@@ -381,7 +381,6 @@ def _run(request: Mapping[str, Any], terminal: int, server: int) -> None:
     """In the forked process: runs the node, and does not return.
 
     Args:
-        request: What to run.
         terminal: Where its output goes if its log file cannot be written.
         server: Process id of the fork server.
     """

@@ -103,7 +103,6 @@ def own_checks(mission: Path, number: int, is_running: bool) -> list[dict[str, s
     """What the checks on the vehicle find, each with its part ("mission file", "autopilot", "modem"), level and text.
 
     Args:
-        number: The vehicle's number.
         is_running: Whether its nodes run; they then use autopilot and modem themselves.
     """
     calls: dict[str, Sequence[str]] = {}

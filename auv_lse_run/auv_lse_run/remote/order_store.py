@@ -19,11 +19,7 @@ class OrderStore:
     """The orders in a vehicle's folder."""
 
     def __init__(self, folder: Path) -> None:
-        """Reads nothing yet.
-
-        Args:
-            folder: The vehicle's folder.
-        """
+        """Reads nothing yet."""
         self._folder = folder
         self._file = folder / "fleet" / "orders.json"
 

@@ -129,7 +129,6 @@ class Session:
         """Sets up the session; its time counts from here.
 
         Args:
-            folder: The vehicle's folder.
             actor: Executes orders; None: the vehicle's nodes do.
         """
         self._folder, self._number, self._domain = VehicleFolder(folder), number, domain

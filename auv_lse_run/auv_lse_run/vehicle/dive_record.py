@@ -90,7 +90,6 @@ class DiveRecord:
         """Reads the record; writes nothing.
 
         Args:
-            folder: The folder of the record.
             mission_file: Its mission file; a different one means a new dive.
             parameters: The parameters in it; different positions in its positions file mean a new dive, too.
             seconds: Folders for second copies, see `second_folders`.

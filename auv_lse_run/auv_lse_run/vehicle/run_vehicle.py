@@ -183,9 +183,7 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
 
     Args:
         name: The vehicle, "auv2".
-        file: The mission's parameter file.
         out: The folder for logs and recording; None: a new one in `dives`, or that of the dive to continue.
-        dives: The folder of all dives.
         simulated: As `vehicle_processes` takes it. Without `out`, each start of a simulated vehicle begins a new dive.
 
     Raises:
@@ -215,7 +213,6 @@ def begin_dive(
     Args:
         wanted: The domain of a command line; None: ROS_DOMAIN_ID, else the simulator's, else 0.
         file: The mission file; a simulator's is in its run folder.
-        out: The folder for logs and recording.
         record: The record of the dive, which is ended with the context, but not by SIGHUP.
 
     Returns:

@@ -69,8 +69,6 @@ def adjusted(
         paths: Run folders or recordings.
         folder: Where the files go, made if needed.
         mission: Mission file of recordings without one.
-        survey: Corrections of the depths.
-        with_report: Write the report of all vehicles, too.
 
     Raises:
         SurveyError: if a correction does not cover a recording.

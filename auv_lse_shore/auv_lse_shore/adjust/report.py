@@ -24,12 +24,7 @@ GEODETIC = ("adjusted_latitude_deg", "adjusted_longitude_deg")
 
 
 def report(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str]) -> str:
-    """The report as Markdown.
-
-    Args:
-        before: The recorded runs.
-        names: A name for each run.
-    """
+    """The report as Markdown."""
     vehicles = []
     for v in adjustment.vehicles:
         old, new = (_vehicle(runs[v.run], v.vehicle) for runs in (before, adjustment.runs))

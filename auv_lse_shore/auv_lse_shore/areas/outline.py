@@ -37,7 +37,6 @@ def outline(line: Array, closes: str, where: str) -> tuple[Array, str]:
     Args:
         line: Latitude, longitude along it.
         closes: "route": its corners are those of the polygon; "track": recorded on the way around; "": closed already.
-        where: The file and the line, for messages.
 
     Raises:
         ParameterError: if it is not closed, or encloses several areas.

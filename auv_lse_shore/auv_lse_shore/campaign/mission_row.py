@@ -35,7 +35,6 @@ def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str, folder: Path
 
     Args:
         patterns: Its complete mission file.
-        where: Where it came from, for errors.
         folder: An existing folder for the chart of `sim.chart`; the evaluation needs it too.
     """
     settings = Settings.from_patterns(patterns, where)

@@ -21,7 +21,6 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
     """Repeats the mission of one row with full recording, into a run folder with bag, summary, figures and report.
 
     Args:
-        folder: The campaign's folder.
         wanted: The row's id, or its first characters.
         to: Run folder; None for one in the campaign's folder.
 

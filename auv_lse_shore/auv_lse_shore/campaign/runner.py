@@ -81,7 +81,6 @@ def run_campaign(
         client: `distributed.Client` of the cluster.
         retry_failed: Whether missions that failed earlier are repeated.
         budget_s: Time (s) from now after which no mission should end; those that probably would are not started.
-        progress: Called after each mission.
 
     Raises:
         ParameterError: if a setting cannot be used; before anything is simulated.

@@ -85,7 +85,6 @@ def bootstrap(
     Args:
         samples: Arrays of the same length, at least 2.
         statistic: Function of these arrays with the keyword `axis`.
-        seed: Seed of the random numbers.
     """
     generator: dict[str, Any] = {_GENERATOR: np.random.default_rng(seed)}
     found = stats.bootstrap(

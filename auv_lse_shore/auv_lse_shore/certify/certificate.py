@@ -64,7 +64,6 @@ def certify(paths: Sequence[Path], mission: Path | None = None, show: Show = sho
     Args:
         paths: Run folders or recordings.
         mission: Mission file of recordings without one.
-        show: Shows what is being done.
 
     Raises:
         CertifyError: if the recordings are not of one mission, or hold no soundings.

@@ -77,8 +77,6 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
     """Compares one vehicle's published map.
 
     Args:
-        published: Its last map.
-        settings: The mission's settings.
         run: All vehicles, at corrected positions.
 
     Returns:

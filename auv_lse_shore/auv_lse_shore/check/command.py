@@ -80,7 +80,6 @@ def check(
     """The findings about a mission file.
 
     Args:
-        path: The mission file.
         vehicle: Also check this computer as that of a vehicle ("auv2").
         area_file: Area file that replaces the mission file's area.
         picture: Where to draw the mission; None: nowhere.

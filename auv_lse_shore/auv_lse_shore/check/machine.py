@@ -20,7 +20,6 @@ def check_files(settings: Settings, number: int | None, findings: Findings) -> N
 
     Args:
         number: The vehicle of this machine; None: every vehicle's files are checked.
-        findings: Takes what is found.
     """
     missing = {}
     for k, own in enumerate(settings.vehicles, 1):
@@ -43,9 +42,7 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     """Checks what vehicle `number` needs on this machine.
 
     Args:
-        number: The vehicle.
         simulated: Whether the file has a section sim; nodes then wait for a simulator.
-        findings: Takes what is found.
     """
     if not 1 <= number <= settings.mission.vehicles:
         findings.error(f"auv{number} is not in the mission, which has {settings.mission.vehicles} vehicles")
@@ -73,7 +70,6 @@ def check_recording(settings: Settings, number: int | None, findings: Findings) 
 
     Args:
         number: The vehicle of this machine; None: the disk is not checked.
-        findings: Takes what is found.
     """
     if not findings.usable("mission", "motion", "area", "gp", "record", "vehicle.speed_mps"):
         return

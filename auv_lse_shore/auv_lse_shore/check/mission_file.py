@@ -38,8 +38,6 @@ def check_file(path: Path, findings: Findings, read_area: AreaReader, area_file:
     """Reads a mission file and adds its errors to `findings`.
 
     Args:
-        path: The mission file.
-        findings: Takes what is found.
         area_file: Area file that replaces the mission file's area.
 
     Returns:

@@ -42,7 +42,6 @@ def write_export(team: TeamMap, folder: Path, survey: Survey, picture: bool = Fa
     Args:
         team: The map, from soundings that `survey` has reduced.
         folder: Where the files go, made if needed.
-        survey: The corrections.
         picture: Whether to draw `export.png` from the files.
 
     Raises:

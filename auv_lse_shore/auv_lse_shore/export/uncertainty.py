@@ -76,7 +76,6 @@ def sounding_uncertainty(run: RunData, vehicle: VehicleRun, survey: Survey, nois
     TVU adds the variances of sounder, pressure, sound speed (in proportion to the range) and water level.
 
     Args:
-        run: The run of the vehicle.
         survey: The corrections with their uncertainties.
         noise_std_m: Noise of the sounder, where the survey does not give it.
     """

@@ -47,7 +47,6 @@ def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None, around
     """Lengths of the estimated isobath by class and reason; with the true isobath (None: unknown), its error.
 
     Args:
-        pieces: The estimate.
         truth: The true isobath in the evaluated cells.
         around: That of all known ground.
     """
@@ -114,7 +113,6 @@ def against_truth(
     Args:
         maps: The map from all soundings, then each vehicle's own.
         ideal: The map from all soundings at their true positions; None if these are unknown.
-        ground: The true ground.
         scored: The cells evaluated, shape of the maps.
         true_isobath: Lines of the true isobath.
     """

@@ -67,8 +67,6 @@ def compare(estimate: Sequence[Array], truth: Sequence[Array], around: Sequence[
     """Distance between two isobaths, each a list of lines (n, 2) of north, east (m).
 
     Args:
-        estimate: The estimated isobath.
-        truth: The true isobath.
         around: True isobath outside of the evaluated cells, as between a steep shore and the first cell of water. The
             estimate need not find it, but pieces near it are not made up.
     """

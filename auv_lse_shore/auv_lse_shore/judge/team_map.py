@@ -195,7 +195,6 @@ def write_isobath(
     and the median of its horizontal standard deviation (null where the ground has no slope).
 
     Args:
-        path: File to write.
         origin: Latitude and longitude (deg) of north = east = 0, or None: then coordinates are local metres.
         truth: Lines of the true isobath; empty where it is not known.
         metadata: Further member of the collection.

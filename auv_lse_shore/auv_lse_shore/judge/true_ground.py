@@ -13,7 +13,6 @@ def set_true_ground(run: RunData, where: str) -> None:
 
     Args:
         run: The run; its `ground` is set.
-        where: Its name, for errors.
 
     Raises:
         ParameterError: if its mission file does not fit this version of the software.

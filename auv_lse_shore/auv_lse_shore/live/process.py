@@ -19,8 +19,6 @@ class LiveProcess:
         """Prepares the command.
 
         Args:
-            domain: The mission's ROS domain.
-            environment: The process's environment.
             report: Shows a line: the page's address, or the reason why there is no page.
         """
         port = port_or_any(DEFAULT_PORT)  # another mission's page may use it

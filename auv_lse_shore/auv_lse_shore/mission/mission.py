@@ -179,16 +179,11 @@ def fly(
     """Runs the mission of the run folder's mission.yaml, and evaluates the recording.
 
     Args:
-        folder: The run folder.
-        console: Where the progress is shown.
         processes: What to start here.
         reserved_domain: Reserves a ROS domain for the mission (`simulation_domain`).
         start_s: As `conduct` takes it.
         report: Whether to make the figures and the report.
         live: Keeps the live view open after the mission's end; None: no live view.
-
-    Returns:
-        Exit code.
     """
     interrupt = Interrupt()
     started = time.monotonic()

@@ -159,8 +159,6 @@ def check_vehicles(names: Sequence[str], vehicles: int, where: str = "--set ") -
 
     Args:
         names: Dotted names.
-        vehicles: Size of the team.
-        where: Where they were given, for the message.
 
     Raises:
         ParameterError: naming the parameter.
@@ -214,8 +212,6 @@ def check_option(option: str, name: str, value: Any) -> None:
 
     Args:
         option: The option that sets it, with its value, for the message.
-        name: The parameter's dotted name.
-        value: Its value.
 
     Raises:
         ParameterError: naming the option.

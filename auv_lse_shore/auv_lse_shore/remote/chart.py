@@ -67,11 +67,7 @@ class TeamChart:
     """
 
     def __init__(self, name: str, vehicles: Sequence[int]) -> None:
-        """Has nothing yet.
-
-        Args:
-            name: Title of the page.
-        """
+        """Has nothing yet."""
         self.timeline, self.trouble = Timeline(), dict[str, str]()
         self._name, self._tracks = name, {f"auv{k}": _Track() for k in vehicles}
         self._lock, self._over, self._renewed = threading.Lock(), threading.Event(), False

@@ -62,10 +62,8 @@ def check(
     """Asks vehicles at the same time; returns their reports and the problems.
 
     Args:
-        vehicles: The vehicles to ask.
         thorough: Whether the vehicles' own checks run.
         sent: As `judged` takes it.
-        laptop: Id of this laptop.
     """
     reports = with_each(vehicles, lambda vehicle: report_of(vehicle, fleet, thorough))
     return reports, judged(reports, own_version(), sent, laptop)

@@ -32,7 +32,6 @@ def deliver(asking: Asking, ledgers: Ledgers, vehicle: str, name: str, clock: Ca
     """Delivers what is due to a vehicle in one session.
 
     Args:
-        asking: The session.
         vehicle: "auv2".
         name: This laptop, for people.
         clock: The laptop's clock (s).

@@ -150,12 +150,7 @@ def summary(name: str, found: Fetched) -> str:
 
 
 def results(runs: Sequence[Path], out: Path) -> int:
-    """Adjusts, reports and certifies the dives of a team; returns the worst exit code of these commands.
-
-    Args:
-        runs: Folders of the dives.
-        out: The run folder.
-    """
+    """Adjusts, reports and certifies the dives of a team; returns the worst exit code of these commands."""
     from auv_lse_run.command.find_verbs import find_verbs
     from auv_lse_run.command.main import run_verb
 

@@ -57,7 +57,6 @@ def judged(
         reports: By vehicle.
         version: The laptop's version of the software.
         sent: SHA-256 of the mission file that this laptop sent last, as {"mission.yaml": ...}; empty: none.
-        laptop: Id of this laptop.
     """
     there = {name: report.facts for name, report in reports.items() if not report.trouble}
     found = [Problem(name, "error", report.trouble) for name, report in reports.items() if report.trouble]

@@ -98,7 +98,6 @@ class Ledger:
 
         Args:
             vehicle: "auv2".
-            verb: The order.
             now_s: The laptop's clock (s).
             valid_s: How long it counts (s); 0: always. Safe orders always count.
             team: With abort: also by acoustic packet.

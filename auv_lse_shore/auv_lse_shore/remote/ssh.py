@@ -63,7 +63,6 @@ class RemoteSession:
         """Asks, and returns the answer; bytes that follow it are its value "data".
 
         Args:
-            what: The request.
             wait_s: Longest time without a byte of the answer.
             data: Bytes that follow the request.
             **values: Its values.

@@ -77,7 +77,6 @@ def recompute_decisions(
     """Compares every recorded decision with the one that the current planner makes from the same inputs.
 
     Args:
-        inputs: The recorded inputs and decisions.
         settings: The current parameters.
         lockstep: Whether the mission flew in lockstep.
         tolerance: Relative difference of values that is ignored.

@@ -78,9 +78,7 @@ class RecomputedMap:
         """Starts with the prior.
 
         Args:
-            inputs: The recorded inputs.
             settings: The current parameters.
-            positions: Parameters of the position correction.
             lockstep: Whether the mission flew in lockstep.
         """
         self.map = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area))
@@ -137,9 +135,7 @@ def recompute_map(
     """Compares every published map with the one recomputed from the same inputs.
 
     Args:
-        inputs: The recorded inputs and maps.
         settings: The current parameters.
-        positions: Parameters of the position correction.
         lockstep: Whether the mission flew in lockstep.
         tolerance: Relative difference that is ignored, in addition to the rounding of published maps.
         show: Called with the share done, 0 to 1.

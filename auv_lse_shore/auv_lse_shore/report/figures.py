@@ -99,9 +99,7 @@ def draw_map(axis: Any, e: Evaluation, values: Array, title: str, **scale: Any) 
     """Draws values (R, C) of a mission's map, what is not evaluated left out; returns the image.
 
     Args:
-        axis: Where to draw.
         values: One for each cell of the map.
-        title: Title of the axis.
         scale: Color map and limits, as of `imshow`.
     """
     extent, _ = map_extent(e)

@@ -35,10 +35,6 @@ def write_report(run: RunData, folder: Path, show: Show = show_nothing) -> Summa
 
     Args:
         folder: Run folder, created if needed.
-        show: Shows what is being done.
-
-    Returns:
-        The figures of merit.
 
     Raises:
         OSError: if the files cannot be written; the folder then has none of them.
@@ -67,7 +63,6 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     """The report as one HTML file.
 
     Args:
-        folder: Where the figures are.
         drawn: File name and caption of each figure.
     """
     s, planned = e.summary, e.planned_steps

@@ -55,7 +55,6 @@ def chosen_logs(contents: Sequence[LogContent], choice: Choice, all_named: bool)
     """One log of each content, all of them with the same sounder where they have it; and what was left out.
 
     Args:
-        choice: What the user decides.
         all_named: Whether a log without positions or depths is an error; else it is left out.
 
     Raises:

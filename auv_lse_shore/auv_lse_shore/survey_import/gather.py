@@ -62,7 +62,6 @@ def gather(
 
     Args:
         names: Of the files, folders and patterns.
-        facts: What the user knows.
         progress: Takes the share of a file that has been read.
         step: Takes the name of each step after reading.
 

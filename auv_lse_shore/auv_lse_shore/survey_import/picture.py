@@ -23,9 +23,7 @@ def draw_survey(run: RunData, area: SurveyedArea, path: Path) -> None:
     """Draws tracks, depths and the proposed area as a picture.
 
     Args:
-        run: The survey.
         area: Its area, with the ground that was not sounded.
-        path: The PNG file.
     """
     points = np.concatenate([vehicle.soundings.points_m for vehicle in run.vehicles])
     points = points[:: len(points) // _POINTS + 1]

@@ -146,10 +146,8 @@ def write_survey(
     """Writes mission files, recording, soundings, picture and `import.md`; all of them or nothing.
 
     Args:
-        run: The survey.
         table: The rows of `survey_table`.
         dive: The result of `dive_parameters`.
-        folder: The run folder.
         summary: The lines of `import.md`.
 
     Raises:
@@ -168,9 +166,7 @@ def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[s
     """The mission file of a dive in the surveyed area, with the soundings as prior mean.
 
     Args:
-        run: The survey.
         area: Its area. Vehicles start inside of it, as near to its first sounding as they can turn.
-        soundings: The table of its soundings.
     """
     own = run.parameters["/**"]
     steps = min(4.0 * math.sqrt(area.area_m2), area.area_m2 / (2.0 * LANE_M)) / LEG_M

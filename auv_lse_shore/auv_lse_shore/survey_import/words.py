@@ -78,7 +78,6 @@ def next_lines(folder: Path, dive: Mapping[str, Any], note: str) -> Sequence[str
     """What was written, with a note on the table, and the commands from here to a mission with paths filled in.
 
     Args:
-        folder: The run folder.
         dive: Parameters of the proposed dive, those of all vehicles.
         note: A sentence about the table; "" without.
     """

@@ -39,7 +39,6 @@ def telemetry(boot_ms: int, report: Report, datum: Datum, height_m: float, press
 
     Args:
         boot_ms: The autopilot's time since boot.
-        report: Its estimate.
         datum: The mission's origin and the autopilot's.
         height_m: Height of the autopilot's origin, and of home, above the surface (m).
         pressure: Message with the water's pressure; "none": there is none.

@@ -106,7 +106,6 @@ class MavlinkVehicle:
         Args:
             system_id: MAVLink system id (the vehicle's number).
             start: Heading (rad), north, east (m) where the first leg begins.
-            radius_m: Turn radius.
             origin: The mission's origin; None: no geodetic positions.
             follow: Takes each leg; it follows the earlier ones.
             obey: Takes a stop; None: the vehicle continues.

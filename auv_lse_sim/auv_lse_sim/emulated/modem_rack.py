@@ -27,7 +27,6 @@ class ModemRack:
         Args:
             ports: Where a host reaches each vehicle's modem.
             transmit: Sends (vehicle, packet) into the water; returns the duration (s), or None for the nominal one.
-            now_s: The simulation's time.
         """
         self._ports = dict(ports)
         self.modems: dict[int, ModemEmulator] = {}

@@ -55,7 +55,6 @@ class Pings:
         """Starts without a pending ping.
 
         Args:
-            address: Returns the modem's address.
             write: Sends a message to the host.
             transmit: Takes (start (s), mini-packet) into the water.
         """

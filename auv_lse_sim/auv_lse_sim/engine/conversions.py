@@ -63,7 +63,6 @@ def status_report(simulation: Simulation, state: MissionState, message: str, spe
     """The simulation's progress.
 
     Args:
-        simulation: The simulation.
         message: Why it waits or has failed.
         speed: Simulated seconds per second of wall clock.
     """

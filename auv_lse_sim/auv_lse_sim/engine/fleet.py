@@ -200,12 +200,7 @@ class VehicleCores:
 
 
 class Fleet:
-    """A team, its world and the mission's clock.
-
-    Args:
-        settings: The whole mission.
-        ground: The ground under the vehicles.
-    """
+    """A team, its world and the mission's clock."""
 
     def __init__(self, settings: Settings, ground: Ground) -> None:
         """Builds the world and the vehicles' cores."""

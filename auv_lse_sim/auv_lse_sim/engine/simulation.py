@@ -68,7 +68,6 @@ class Simulation:
         """Builds the world and opens the ports of the emulated hardware.
 
         Args:
-            ground: The ground under the vehicles.
             lockstep: Whether a tick waits for the nodes.
             recorded: Whether a recorder runs.
 
@@ -270,7 +269,6 @@ class Simulation:
         """Gives vehicle `k` its next leg; ignores repetitions. None: the waypoint was invalid.
 
         Args:
-            k: Number of the vehicle.
             speed_mps: Speed through the water; NaN: the vehicle's own.
             then: What follows the mission's last leg.
         """

@@ -89,7 +89,6 @@ def meaning(
         unit: The band's unit, "" if it has none.
         vertical: Whether the vertical axis of the file's CRS points up, and its metres per unit; None if it has none.
         file_name: The file's name without its suffix.
-        where: The file, for messages.
 
     Raises:
         GroundError: if the unit is no length.

@@ -38,10 +38,8 @@ def depths_of(values: Array, path: Path, what: str, up: bool | None, config: Bat
 
     Args:
         values: The file's values, any shape, NaN for unknown.
-        path: The file, for messages.
         what: Their name in the file.
         up: Whether the name means elevations; None for a raster, which has no names.
-        config: How to read them.
 
     Raises:
         GroundError: if the sign is ambiguous, or no elevation lies under water.

@@ -63,8 +63,6 @@ def read_gdal_ground(
     Of a large raster only the part around an area is read.
 
     Args:
-        path: The file.
-        config: How to read it.
         origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
         around: Latitudes and longitudes (deg) of corners around the area; (): all is read.
 

@@ -29,7 +29,6 @@ class GridGround:
         north_m: Node coordinates (ny,), evenly spaced, growing.
         east_m: Node coordinates (nx,), evenly spaced, growing.
         depth_m: Depths (ny, nx), positive down; NaN or <= 0 for unknown or land.
-        name: Its file or survey, for messages.
         origin: WGS84 latitude and longitude (deg) of the local origin.
         notes: How it was made, for `describe`.
 

@@ -27,7 +27,6 @@ def load_ground(
     """Reads a bathymetry file; by content, else by suffix.
 
     Args:
-        config: How to read it.
         origin: WGS84 latitude and longitude (deg) of the local origin if the file has none; by default the middle of
             the data.
         around: Latitudes and longitudes (deg) of corners around the area, outside of which a large raster is not read.

@@ -67,7 +67,6 @@ def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
     """Depth in the valley (dimensionless, 1 at the thalweg), and the small relief (unit variance).
 
     Args:
-        valley: The draw.
         north: Locations in units of the half diagonal, from the window's middle.
         east: The same, east.
     """
@@ -136,7 +135,6 @@ class SyntheticLake:
     least 800 m2 inside the window) are rejected; the next draw of the same seed is used.
 
     Args:
-        config: The family's parameters.
         mission_seed: Used if `config.seed` is -1.
 
     Raises:

@@ -70,7 +70,6 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     """Fits operating area and starts to the ground.
 
     Args:
-        ground: The ground under the area.
         area_given: Whether the user requested `settings.area.polygon_m`; any polygon other than the default counts as
             requested. With the default polygon the mission covers the whole extent of a bathymetry file.
 
@@ -181,8 +180,6 @@ def rasterize(area: AreaConfig, ground: Ground, limit_m: float) -> Raster:
     """Divides the area into cells of about 5 m and checks the depths at their centers and corners.
 
     Args:
-        area: The requested area.
-        ground: The ground under it.
         limit_m: Minimum navigable water depth.
     """
     shape = _polygon(area.polygon_m)

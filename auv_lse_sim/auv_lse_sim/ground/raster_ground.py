@@ -32,12 +32,10 @@ def raster_ground(
     """Converts a raster in any coordinates to local ground.
 
     Args:
-        path: The file, for messages.
         x: Coordinates of the columns (nx,), growing.
         y: Coordinates of the rows (ny,), growing.
         grid: Values (ny, nx), NaN where unknown.
         crs: Their coordinate reference system in a form that pyproj reads, None if the file has none.
-        config: How to read them.
         origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
         said: What the file states about the values, already in metres; None: its name decides.
 

@@ -28,8 +28,6 @@ class EchoSounder:
         """Starts without an echo.
 
         Args:
-            sim: The simulated world's parameters.
-            rng: Source of the noise.
             bias: Error of the pressure sensor, in standard deviations.
         """
         self._sim, self._rng = sim, rng

@@ -167,7 +167,6 @@ def _advance_surfacing(m: Any, keel: float, params: Any) -> float:
     Args:
         m: State of the vehicle; changed.
         keel: Its depth without the error of depth keeping (m).
-        params: Parameters.
     """
     dt = params.dt
     if m.surfacing == NOT_SURFACING and params.surface_every > 0.0:

@@ -94,7 +94,6 @@ class SimVehicle:
     Args:
         number: Its number, from 1.
         config: Its depth, speed and start.
-        sim: The simulated world's parameters.
         rng: Source of all its random numbers (stream "sensors", number).
         clearance_m: Returns the clearance (m) at north, east (m); selects the side on which to circle.
     """

@@ -179,7 +179,6 @@ class Channel:
         """Starts without transmissions.
 
         Args:
-            config: Section `sim.channel`.
             rng: Source of the channel's random numbers.
             blocked: Returns whether land lies between two positions; None: never.
         """

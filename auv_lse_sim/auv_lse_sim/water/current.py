@@ -17,7 +17,6 @@ class Current:
     Gauss-Markov process of each component with the given standard deviation and correlation time (Gelb 1974, 3.8).
 
     Args:
-        config: Its parameters.
         rng: Source of its random numbers (stream "current").
         ideal: Still water, whatever `config` is.
     """

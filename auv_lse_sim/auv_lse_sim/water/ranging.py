@@ -20,10 +20,7 @@ class Ranging:
     """Measured travel times.
 
     Args:
-        config: Section `sim.ranging`.
-        sound_speed_mps: Assumed speed of sound.
         rng: Source of its random numbers; each arrival, readable or not, draws the same number.
-        ideal: Whether the whole simulation is ideal.
     """
 
     def __init__(

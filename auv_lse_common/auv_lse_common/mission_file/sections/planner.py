@@ -34,7 +34,6 @@ def from_method(paper: Any, **options: Any) -> Any:
 
     Args:
         paper: Its value in the paper's augmented method, from which the other methods differ (`methods.py`).
-        options: As `parameter` takes them.
     """
     declared = parameter(None, **options)
     return field(default=None, metadata={**declared.metadata, "paper": paper})

@@ -70,7 +70,6 @@ class MissionEvents:
         """Takes the mission file.
 
         Args:
-            settings: The mission file.
             maps_on_request: Whether maps that vehicles do not publish are computed by `newest_map` only.
         """
         self._settings = settings

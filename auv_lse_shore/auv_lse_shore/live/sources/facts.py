@@ -24,7 +24,6 @@ def mission_facts(settings: Settings, *, name: str, simulated: bool) -> Event:
     """The first event of a mission's timeline.
 
     Args:
-        settings: The mission file.
         name: Its title on the page: the run folder's name.
         simulated: Whether the true ground is that of the mission file (`sim`).
     """

@@ -36,7 +36,6 @@ class RecordingFollower:
 
         Args:
             recording: The path that `recording_in` returns.
-            timeline: The timeline to fill.
             mission: The mission file; None: the one in the recording or beside it.
 
         Raises:

@@ -44,7 +44,6 @@ def scales_of(level_m: float, largest_risk: float) -> dict[str, Scale]:
     """The scale of each layer of a map.
 
     Args:
-        level_m: Depth of the isobath.
         largest_risk: The largest Bayes risk that a position can have.
     """
     depth_step_m = max(0.1, abs(level_m) / 100.0)

@@ -65,7 +65,6 @@ class MissionFollower:
         """Stores what to follow.
 
         Args:
-            timeline: The timeline to fill.
             domain: ROS domain; None: that of the newest mission on this machine; with a queue, that of the first found.
             mission: Mission file; None: the one in the run folder.
             commands: The queue of the page's commands; None: it has none.

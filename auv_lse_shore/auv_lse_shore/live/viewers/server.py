@@ -76,7 +76,6 @@ class LiveServer:
         """Takes the port; serves once an event loop runs.
 
         Args:
-            timeline: The events to serve.
             port: TCP port, 0 for any free port.
             commands: Takes the page's commands; None: they are refused.
 
@@ -117,7 +116,6 @@ def served(timeline: Timeline, port: int) -> Iterator[str]:
     """A context with a server of the page in a thread of its own; the value is its address.
 
     Args:
-        timeline: The events to serve.
         port: TCP port, 0 for any free port.
 
     Raises:

@@ -289,9 +289,7 @@ def _past_midnight(clock: Array, day: Array, name: str, table: Table, content: L
     Args:
         clock: Seconds of the day, (n,). If only midnights turn a vehicle's back, days begin there.
         day: Seconds since 1970 of the dates, (n,).
-        name: That of the dates' column.
         table: Its vehicles have rows of their own.
-        content: Takes a note.
     """
     is_known, dates, turned = np.isfinite(clock + day), day.copy(), False
     for _, mask in vehicles_of(table):

@@ -119,7 +119,6 @@ def refuse_unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) ->
     """Refuses a table with a column of depths or angles in which no cell is a number, but which begins with digits.
 
     Args:
-        table: The table.
         cells_of: The first cells of a column as texts, by its number.
 
     Raises:

@@ -145,7 +145,6 @@ def of_hour_s(texts: Sequence[str], are_certain: bool) -> Array | None:
     Spreadsheets leave out the hours of times with fractions of a second.
 
     Args:
-        texts: The times.
         are_certain: Whether hours and minutes are not meant.
     """
     found = [_OF_HOUR.fullmatch(text.strip()) for text in texts]
@@ -174,7 +173,6 @@ def are_four_digits(texts: Sequence[str], are_no_seconds: bool = False) -> bool:
     Seconds of the day have no 0 before them, and are hardly the same for long, or all below 60 in each hundred.
 
     Args:
-        texts: The times.
         are_no_seconds: Whether they cannot be seconds of the day.
     """
     known = [text.strip() for text in texts if text.strip()]
