@@ -81,7 +81,6 @@ class BagWriter:
     Attributes:
         types: Type store with every type to record (`message_types`); may be replaced by a larger one.
         texts: Definitions with comments (`message_texts`); other definitions come from the store.
-        count: Number of messages written.
     """
 
     def __init__(self, folder: Path, types: Any, snapshot: Mapping[str, str], flush_s: float = 5.0) -> None:

@@ -27,11 +27,7 @@ _METADATA_VERSION = 9
 
 
 class Rosbag2Writer:
-    """One recording, written by rosbag2_py.
-
-    Attributes:
-        count: Messages written.
-    """
+    """One recording, written by rosbag2_py."""
 
     def __init__(self, folder: Path, snapshot: Mapping[str, str]) -> None:
         """Starts the recording.

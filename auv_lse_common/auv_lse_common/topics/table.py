@@ -64,7 +64,6 @@ class Topic:
         about: Its content, for the reference.
         writer: The node that writes it. "a|b": b only where a does not run; "": several nodes, or operators.
         readers: The nodes of the stack that read it, except the recorder; "a|b" as above.
-        delivery: See `Delivery`.
         recorded: Whether the recorder subscribes to it from the start.
         ration: Share of `record.map_bytes_per_s` that is recorded of it; 0: every message is recorded.
         recorded_with: A rationed topic of the same vehicle; it is recorded at the stamps of that topic only.

@@ -30,9 +30,7 @@ class Candidate:
 
     Attributes:
         stamp_s: When it was received (s).
-        packet: Its content.
         navigation: Its sender's navigation; None if it has none.
-        track: The track that it continues.
         on_time: Whether it arrived when its sender's own packet does.
         within: Whether it is within its sender's packet limit (`LinkQuality.accept_arrival`).
         waits: Whether its samples wait for the end of the slot.

@@ -48,8 +48,6 @@ class ModemPort:
     once; the modem continues without it.
 
     Attributes:
-        modem: The driver.
-        connection: The port.
         packets_lost: How many packets were never transmitted.
     """
 

@@ -17,9 +17,7 @@ class Session:
     Waits have names. Each runs from its `start`, and all of them restart when the clock is stepped back.
 
     Attributes:
-        config: The settings.
         address: The modem's address, which is the vehicle's number.
-        state: The driver's state.
         version: The modem's firmware, "" until it has reported it.
         now_s: Time of the call being handled (s since 1970).
         counts: Event counts by name.

@@ -313,7 +313,6 @@ class TeamErrorModel:
 
     Attributes:
         vehicles: The vehicles' models by number.
-        size: Number of unknowns.
         sound: Number of the unknown that is the relative error of the speed of sound.
     """
 

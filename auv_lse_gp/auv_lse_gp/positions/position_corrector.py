@@ -36,11 +36,8 @@ class Checkpoint:
     """A rebuild of the map, from which a restart continues; JSON values.
 
     Attributes:
-        now_s: Time of the rebuild.
         before_s: Time of the correction before it; None if it was the first.
         theta: The unknowns of that correction.
-        rebuilds: Number of rebuilds so far.
-        revision: Revision of the map.
     """
 
     now_s: float
@@ -60,7 +57,6 @@ class PositionCorrector:
 
     Attributes:
         correction: The latest correction; None before the first.
-        rebuilds: Number of rebuilds of the map.
         checkpoint: Set if the last step rebuilt the map; a restart needs the last one, see `skip_to`.
     """
 

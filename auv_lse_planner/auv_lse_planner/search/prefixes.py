@@ -39,11 +39,7 @@ def enter(children, states, origins, count, turns, steps, sequences, numbers):
 
 
 class Prefixes:
-    """Numbers the prefixes of action sequences that start in one state; the empty prefix has number 0.
-
-    Attributes:
-        count: Number of prefixes.
-    """
+    """Numbers the prefixes of action sequences that start in one state; the empty prefix has number 0."""
 
     def __init__(self, motion: MotionTable, state: Array) -> None:
         self._motion = motion

@@ -25,8 +25,6 @@ class InputsUsed:
     """The inputs applied so far. They and the planner's state determine its next decision.
 
     Attributes:
-        map_revision: Revision of the kernel centers.
-        plans: Number of team plans.
         odometry_s: Stamp of the last odometry (s); 0 before the first.
     """
 

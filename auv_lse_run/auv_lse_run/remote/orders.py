@@ -51,7 +51,6 @@ class Order:
     """An order of a laptop to a vehicle.
 
     Attributes:
-        laptop: Id of the laptop.
         number: Counts the laptop's orders to this vehicle, from 1.
         verb: One of `VERBS`.
         team: With abort: whether the team mates are aborted, too, by acoustic packet.

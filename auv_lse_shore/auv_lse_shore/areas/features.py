@@ -23,7 +23,6 @@ class Feature:
     """A polygon, a line or a point in WGS84 degrees; corners are (n, 2) latitude, longitude.
 
     Attributes:
-        name: Its name in the file.
         role_text: What its properties state about its use.
         folder: Names of the folders or the layer it is in.
         other_text: All other text of its properties.

@@ -23,8 +23,6 @@ class Interval:
 
     Attributes:
         mean: The mean; NaN without values.
-        low: Lower limit.
-        high: Upper limit.
         count: Number of values.
     """
 

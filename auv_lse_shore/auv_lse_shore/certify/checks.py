@@ -42,7 +42,6 @@ class Check:
     """One comparison.
 
     Attributes:
-        what: What was compared.
         passed: Whether all cells are within the tolerance.
         worst: Largest difference / tolerance.
         cells: Number of cells beyond the tolerance.

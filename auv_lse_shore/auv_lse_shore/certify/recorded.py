@@ -50,7 +50,6 @@ class Recorded:
         runs: One for each recording, on the first one's clock.
         settings: Settings that all of them share: level, area, prior.
         maps: The last published map of each vehicle that has one, by number.
-        files: The files read.
         software: Versions that made the recordings; "unknown" where they are not recorded.
     """
 

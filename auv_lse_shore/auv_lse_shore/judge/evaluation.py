@@ -53,7 +53,6 @@ class Evaluation:
         truth: Lines of the true isobath in the evaluated cells (empty without truth).
         truth_around: Those of all known ground, also outside the area: a found line may lie there.
         scored: Cells evaluated, shape of the map.
-        summary: The figures of merit.
     """
 
     run: RunData

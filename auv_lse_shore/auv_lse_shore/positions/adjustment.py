@@ -85,9 +85,7 @@ class Adjustment:
         runs: The runs, with soundings, samples and the standard deviations of positions replaced; odometry is as
             recorded.
         vehicles: The adjustment of each vehicle of each run.
-        ranges: Number of ranges measured.
         refused: Number of ranges and fixes rejected as outliers.
-        correction: The estimate.
     """
 
     runs: list[RunData]

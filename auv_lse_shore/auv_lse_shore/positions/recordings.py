@@ -31,7 +31,6 @@ class Recording:
     Attributes:
         run: Number of the run, from 0.
         dive: Number of the dive, from 0.
-        data: Its content.
     """
 
     run: int
@@ -128,7 +127,6 @@ class TeamMeasurements:
 
     Attributes:
         tracks: Raw track of each vehicle.
-        ranges: Ranges between them.
         earlier_distance_m: Distance that a vehicle could have covered before its first known position.
     """
 

@@ -44,7 +44,6 @@ class RemoteVehicle:
         host: Name or address, or a Host of the SSH configuration.
         user: Who logs in; "": as SSH is configured.
         port: Port of SSH; 0: as SSH is configured.
-        folder: Folder on the vehicle.
         command: Shell text that runs auv_lse there.
         domain: ROS domain of its nodes.
     """

@@ -39,7 +39,6 @@ class Report:
 
     Attributes:
         trouble: Why there is no report; "" if there is one.
-        facts: The report.
         clock: Its clock; None without a report.
     """
 

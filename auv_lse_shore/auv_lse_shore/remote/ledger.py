@@ -64,7 +64,6 @@ class Ledger:
     """The orders given to the vehicles of one fleet file.
 
     Attributes:
-        laptop: Id of this laptop.
         sent: SHA-256 of the files that were sent last, by name.
         checked: When each vehicle was last found without errors, by the laptop's clock (s).
     """

@@ -31,7 +31,6 @@ class Wish:
     """What an operator wants.
 
     Attributes:
-        verb: The order.
         team: With abort: also by acoustic packet.
         valid_s: How long it counts if it cannot be delivered (s).
         wait_s: How long to repeat it before asking the operator (s).

@@ -28,7 +28,6 @@ class VehicleView:
         answer: The last state; empty: none yet.
         asked_s: When it was asked for, by a steady clock (s).
         trouble: Why there is no newer one; "" if the last question was answered.
-        laptop: Id of this laptop.
     """
 
     name: str

@@ -81,13 +81,8 @@ class VehicleInputs:
         corrected: Its position, corrected by its map.
         navigation: Dead-reckoned positions, fixes, and what mates reported of theirs.
         samples: The team's samples, packet by packet.
-        plans: The team's plans.
-        packets: Packets received.
         centers: Kernel centers; the time is that of their publication.
-        qualities: Qualities of its map.
         tuned: Parameters changed while the planner ran.
-        maps: Maps published.
-        decisions: Decisions published.
     """
 
     vehicle: int

@@ -20,7 +20,6 @@ class Pace:
 
     Attributes:
         rate: Seconds of the recording per second of wall clock.
-        paused: Whether it is paused.
     """
 
     def __init__(self, start_ns: int, rate: float, wall_s: float, paused: bool = False) -> None:

@@ -29,7 +29,6 @@ class Progress:
     Attributes:
         at_s: Seconds since the recording's first message.
         rate: Seconds of the recording per second of wall clock.
-        paused: Whether it is paused.
         messages: Number of messages published.
     """
 

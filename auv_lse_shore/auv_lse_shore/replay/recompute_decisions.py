@@ -37,7 +37,6 @@ class DecisionStep:
     """A recorded decision compared with the recomputed one; pairs are (recorded, recomputed).
 
     Attributes:
-        step: Mission step.
         now_s: Mission time.
         turns_deg: Heading change of the leg.
         plans: The plan in words.

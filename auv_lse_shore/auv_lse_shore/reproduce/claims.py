@@ -53,9 +53,6 @@ class Claim:
     """A claim of the paper, or of this project, with its evidence.
 
     Attributes:
-        text: The claim.
-        source: Where the claim is made.
-        evidence: What was measured.
         remark: Limits of the evidence.
     """
 

@@ -65,7 +65,6 @@ class Sweep:
     """Sensitivity to one parameter.
 
     Attributes:
-        name: Short name.
         label: Name on the axis, with unit.
         points: Value on the axis, and the parameters that it stands for.
         default: The mission's default, simulated once for all sweeps; None where methods differ in it.

@@ -28,7 +28,6 @@ class LogFile:
     """One file.
 
     Attributes:
-        path: Where it is.
         progress: Takes the share that has been read, 0 to 1.
         is_cut_off: Whether the end of a gzip file is missing or damaged, once its data was read.
     """

@@ -22,7 +22,6 @@ class LoneVehicle:
     """Vehicle 1 of a mission along straight legs, one tick a second; bytes arrive at once.
 
     Attributes:
-        world: The simulated world.
         vehicle: The autopilot.
         told: The link's events.
         distort: Changes what the autopilot measures: (time (s), report) -> report.

@@ -87,9 +87,7 @@ class VehicleCores:
     """The cores of one vehicle, connected by direct calls where the nodes exchange messages.
 
     Attributes:
-        bridge: Its modem bridge.
         safety: Its mission state and safety limits.
-        log: Its record.
     """
 
     def __init__(

@@ -25,7 +25,6 @@ class Meaning:
     Attributes:
         up: Whether they are elevations; None if nothing states it.
         unit_m: Metres per unit.
-        name: Their name, for messages.
         notes: How the values were read, for `describe`.
         is_silent: Whether neither a name nor a unit nor a scale describes them.
     """

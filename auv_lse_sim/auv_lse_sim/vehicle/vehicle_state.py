@@ -13,8 +13,6 @@ class NavigationEstimate:
 
     Attributes:
         heading_rad: Heading (rad, clockwise from north).
-        north_m: Estimated north.
-        east_m: Estimated east.
         speed_mps: Speed over ground.
         drift_rad: Direction of travel minus the heading, positive to starboard.
         covariance: Covariance of heading (rad), north, east (m), shape (3, 3).
@@ -35,10 +33,7 @@ class Truth:
 
     Attributes:
         heading_rad: True heading.
-        north_m: True north.
-        east_m: True east.
         depth_m: True depth of the vehicle below the surface.
-        speed_mps: True speed over ground.
         travelled_m: Distance over ground since the start.
         water_m: True depth of the water there, NaN where the ground is unknown or land.
         step: Step at which its current leg starts; -1 before the first.

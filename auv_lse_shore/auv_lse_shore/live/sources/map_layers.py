@@ -27,7 +27,6 @@ class Scale:
     Attributes:
         low: Value of byte 0.
         step: Difference of neighboring bytes' values.
-        unit: Unit of the values.
     """
 
     low: float

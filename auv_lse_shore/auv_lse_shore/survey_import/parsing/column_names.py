@@ -18,7 +18,6 @@ class Column(NamedTuple):
         number: Its number in the table.
         role: A key of `ROLES`.
         unit: The unit that its name or the row of units has; "" without one.
-        name: Its name in the table.
         rank: The place of its name among those of its role, the best first.
     """
 

@@ -55,7 +55,6 @@ class ArduPilot:
         counts: "targets" (position targets received, ignored ones too), "followed", "missions" (accepted), "refused".
         fault: How it misbehaves; may be set at any time.
         estimator: Its origin and position.
-        armed: Whether it is armed.
         mode: Number of its mode.
         pilot: Moves the vehicle.
         battery: Charge, 0 to 1.

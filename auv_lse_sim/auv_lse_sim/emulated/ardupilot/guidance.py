@@ -110,7 +110,6 @@ class SCurve:
     """Distance over time from rest to rest.
 
     Attributes:
-        length_m: Distance.
         speed_mps: Largest speed.
         ramp_s: Duration of the acceleration, and of the deceleration.
     """

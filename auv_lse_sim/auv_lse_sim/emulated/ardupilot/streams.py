@@ -26,7 +26,6 @@ class Status:
     """What an autopilot reports beside the vehicle's state.
 
     Attributes:
-        boot_ms: Time since boot.
         unix_us: UTC (us since 1970); 0: unknown.
         has_position: Whether its estimator has a position.
         uses_gps: Whether it has a GPS receiver.
