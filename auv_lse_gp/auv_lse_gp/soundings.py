@@ -180,11 +180,7 @@ def _origin_of(north: Array, east: Array, lat: Array, lon: Array) -> tuple[float
 
 
 def _check_npz_size(path: Path) -> None:
-    """Compares the sizes that the arrays' headers state with the bound.
-
-    Raises:
-        SoundingsError: if one has more values.
-    """
+    """Compares the sizes that the arrays' headers state with the bound."""
     if not zipfile.is_zipfile(path):
         return  # np.load reports the error
     with zipfile.ZipFile(path) as archive:

@@ -180,11 +180,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
 def _stated_units(
     path: Path, header: list[str], indices: dict[str, int], texts: dict[int, list[str]], lines: Ints
 ) -> tuple[Array | float, list[int]]:
-    """Metres per unit of each depth (n,), or of all of them, and the number of the column that states them, if any.
-
-    Raises:
-        SoundingsError: if one is not understood, or may be the unit of another column.
-    """
+    """Metres per unit of each depth (n,), or of all of them, and the number of the column that states them, if any."""
     names = {i: header[i] for i in texts if is_unit_name(header[i])}
     depth, without_unit = indices["depth"], {i for key, i in indices.items() if key != "depth"}
     column = None if header[depth].endswith("_m") else unit_column(names, depth, without_unit)
@@ -214,11 +210,7 @@ def _check_marks(values: Array, lines: Ints, where: str, name: str) -> None:
 
 
 def _columns(header: list[str], where: str) -> dict[str, int]:
-    """Numbers of the columns of positions, depths or elevations, times, and uncertainties.
-
-    Raises:
-        SoundingsError: if positions or depths are missing.
-    """
+    """Numbers of the columns of positions, depths or elevations, times, and uncertainties."""
 
     def column(names: tuple[str, ...]) -> int | None:
         return next((header.index(name) for name in names if name in header), None)

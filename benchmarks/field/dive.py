@@ -221,11 +221,7 @@ def _flown(day: _Day, folder: Path, mission: Path, vehicles: int) -> dict[str, f
 
 
 def _aborted(day: _Day, folder: Path, vehicles: int) -> None:
-    """Aborts the team while the last vehicle is out of reach; it hears that from a mate.
-
-    Raises:
-        DiveError: if it does not.
-    """
+    """Aborts the team while the last vehicle is out of reach; it hears that from a mate."""
     lost, relay = f"auv{vehicles}", day.relays[-1]
     relay.up = False
     relay.cut_all()

@@ -126,11 +126,7 @@ def namespaces(count: int, seed: int) -> Iterator[tuple[Radio, list[Namespace]]]
 
 
 def _tun(name: str) -> int:
-    """A new TUN device's descriptor.
-
-    Raises:
-        RuntimeError: if this process may not make one.
-    """
+    """A new TUN device's descriptor."""
     try:
         descriptor = os.open("/dev/net/tun", os.O_RDWR)
         fcntl.ioctl(descriptor, _TUNSETIFF, struct.pack("16sH", name.encode(), _TUN | _BARE))

@@ -219,11 +219,7 @@ def describe(cls: type, prefix: str = "") -> list[tuple[str, Any, str, str, str]
 
 
 def _declared(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], dict[str, dataclasses.Field[Any]]]:
-    """Types and fields of a dataclass, by name.
-
-    Raises:
-        ParameterError: if `mapping` is not a mapping.
-    """
+    """Types and fields of a dataclass, by name."""
     if not isinstance(mapping, Mapping):
         raise ParameterError(f"{where} must be a mapping of parameters, not {mapping!r}")
     return typing.get_type_hints(cls), {f.name: f for f in dataclasses.fields(cls) if f.init}

@@ -262,11 +262,7 @@ class ModemBridge:
     def _candidate(
         self, now_s: float, source: int, payload: bytes, packet: Packet, navigation: MateNavigation | None
     ) -> Candidate | None:
-        """Compares a packet with others of its sender (`tracks`, `SlotContest`); None if packets have tags.
-
-        Raises:
-            PacketError: "implausible" if the sender cannot have sent it.
-        """
+        """Compares a packet with others of its sender (`tracks`, `SlotContest`); None if packets have tags."""
         if self.tracks is None:
             return None
         slot_s, on_time = self.quality.slot_of(now_s, source, self._on_air_s)

@@ -365,11 +365,7 @@ def _pairs_bytes(actions: Sequence[int]) -> bytes:
 
 
 def _read_actions(data: bytes) -> tuple[tuple[int, ...], int]:
-    """The actions in a packet's bytes up to the tag, and the index of the byte after them (>= `FIRST_TERMINAL`).
-
-    Raises:
-        PacketError: if no such byte follows, or `encode` would have written the actions differently.
-    """
+    """The actions in a packet's bytes up to the tag, and the index of the byte after them (>= `FIRST_TERMINAL`)."""
     start = end = HEADER_STRUCT.size
     pairs = data[start] == PAIRS
     if pairs:
@@ -396,11 +392,7 @@ def _tour_bytes(tour: Tour | None) -> bytes:
 
 
 def _read_tour(rest: bytes) -> Tour | None:
-    """The tour at the beginning of `rest`, the bytes after the actions, unchecked; None if there is none.
-
-    Raises:
-        PacketError: if the tour or the terminal byte after it is incomplete.
-    """
+    """The tour at the beginning of `rest`, the bytes after the actions, unchecked; None if there is none."""
     if rest[0] != TOUR:
         return None
     n = len(TOUR_HEADER)

@@ -30,11 +30,7 @@ _BITS = {"dead-reckoned position": 24, "dead-reckoned position of the fix": 16, 
 
 
 def _units(what: str, north_m: float, east_m: float, unit_m: float) -> tuple[int, int]:
-    """Two numbers (m), rounded to units.
-
-    Raises:
-        ValueError: if one is not finite or does not fit its bits.
-    """
+    """Two numbers (m), rounded to units."""
     high = 2 ** (_BITS[what] - 1) - 1
     if not (math.isfinite(north_m) and math.isfinite(east_m)):
         raise ValueError(f"{what} must be finite, not {north_m}, {east_m} m")

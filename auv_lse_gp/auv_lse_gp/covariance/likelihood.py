@@ -262,11 +262,7 @@ def fit(
 
 
 def _search(target: MarginalLikelihood, restarts: int) -> tuple[Array, float, list[float]]:
-    """The best search variables, their log likelihood, and the log likelihood found from each start.
-
-    Raises:
-        ValueError: if no start leads to a likelihood.
-    """
+    """The best search variables, their log likelihood, and the log likelihood found from each start."""
     best_x, best, found = None, math.inf, []
     for start in _starts(target, restarts):
         result = minimize(target, start, jac=True, method="L-BFGS-B", bounds=target.bounds,

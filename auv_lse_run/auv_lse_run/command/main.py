@@ -173,11 +173,7 @@ def _complain(text: str) -> None:
 
 
 def _run(words: Sequence[str]) -> int:
-    """Runs the command line.
-
-    Raises:
-        CommandError: if it is wrong.
-    """
+    """Runs the command line."""
     first = words[0] if words else ""
     first = f"--{first}" if first in ("help", "version") else first
     if first == "--version":

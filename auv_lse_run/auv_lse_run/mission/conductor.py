@@ -139,11 +139,7 @@ def write_times(
 def _check(
     state: str, message: str, died: Sequence[tuple[str, int]], keeper: ProcessKeeper, logs: Path, late: bool
 ) -> None:
-    """Checks that the mission can go on.
-
-    Raises:
-        MissionError: if a process has ended, the simulator has failed, or the nodes do not discover each other.
-    """
+    """Checks that the mission can go on."""
     for name, code in died:
         log, why = keeper.log(name), keeper.why_died(name, code)
         raise MissionError(f"{name} ended unexpectedly ({why}); the end of {log}:\n{last_lines(log)}")

@@ -114,11 +114,7 @@ def adjusted(
 
 
 def _evaluated(team: TeamMap) -> Evaluation:
-    """Evaluates all vehicles of a dive.
-
-    Raises:
-        AdjustError: if the recordings are of several dives.
-    """
+    """Evaluates all vehicles of a dive."""
     numbers = [vehicle.vehicle for vehicle in team.run.vehicles]
     if len(set(numbers)) < len(numbers):
         raise AdjustError(

@@ -125,11 +125,7 @@ def _simple(named: Feature, kind: str, corners: list[list[float]], where: str) -
 
 
 def _numbers(element: Element, name: str, where: str) -> list[list[float]]:
-    """Longitude, latitude (and height) of each tuple of an element's coordinates; blanks around commas do not count.
-
-    Raises:
-        ParameterError: naming the invalid tuple.
-    """
+    """Longitude, latitude (and height) of each tuple of an element's coordinates; blanks around commas do not count."""
     text = re.sub(r"\s*,\s*", ",", "".join(element.itertext()).strip())
     found = []
     for part in text.split():

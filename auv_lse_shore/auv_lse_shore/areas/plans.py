@@ -73,11 +73,7 @@ def _ring(corners: Sequence[Any]) -> Array:
 
 
 def _circle(latitude: float, longitude: float, radius_m: float, where: str, inside: bool = False) -> Array:
-    """Corners (36, 2) of a polygon around a circle, so that no part of an excluded circle is left outside.
-
-    Raises:
-        ParameterError: if the radius is not positive.
-    """
+    """Corners (36, 2) of a polygon around a circle, so that no part of an excluded circle is left outside."""
     if not (math.isfinite(radius_m) and 0.0 < radius_m <= 100_000.0 and abs(latitude) <= 89.0):
         raise ParameterError(f"{where} has the radius {radius_m:g} m at latitude {latitude:g}. Draw a polygon instead")
     turn = np.linspace(0.0, 2.0 * math.pi, _CIRCLE_CORNERS, endpoint=False)

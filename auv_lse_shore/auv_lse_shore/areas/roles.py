@@ -150,11 +150,7 @@ def _is_closed(line: Array) -> bool:
 
 
 def _check_extent(features: Sequence[Feature], where: str) -> None:
-    """Checks every corner of a file.
-
-    Raises:
-        ParameterError: if a polygon has no corners, or a position is impossible or far from the others.
-    """
+    """Checks every corner of a file."""
     everywhere: list[Array] = []
     for feature in features:
         if any(not len(ring) for ring in feature.rings):
@@ -183,11 +179,7 @@ def _stated(text: str) -> str:
 
 
 def _role(feature: Feature, where: str) -> str:
-    """The role of a feature: one of `_ROLES`, or "" if nothing states it.
-
-    Raises:
-        ParameterError: if its properties contradict its name about whether vehicles must stay out.
-    """
+    """The role of a feature: one of `_ROLES`, or "" if nothing states it."""
     by_property = _stated(" ".join((feature.role_text, *feature.flags)))
     by_name, by_folder, elsewhere = (_stated(t) for t in (feature.name, feature.folder, feature.other_text))
     role = by_property or by_name or by_folder
@@ -202,11 +194,7 @@ def _role(feature: Feature, where: str) -> str:
 
 
 def _add_no_go_feature(content: AreaContent, feature: Feature, where: str) -> None:
-    """Adds a no-go area: a polygon, a closed line, or one that may be closed.
-
-    Raises:
-        ParameterError: if it is an open line or a point, which vehicles cannot keep out of.
-    """
+    """Adds a no-go area: a polygon, a closed line, or one that may be closed."""
     name = feature.name or feature.role_text or feature.folder
     if feature.rings:
         add_no_go(content.no_go, name, _checked(feature.rings[0], feature, where))

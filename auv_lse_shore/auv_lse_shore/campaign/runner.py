@@ -161,11 +161,7 @@ def _report_versions(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _finished_row(future: Any, job: Job) -> dict[str, Any]:
-    """The row of a finished future; a mission that Dask stopped retrying has failed.
-
-    Raises:
-        CampaignError: if the future was cancelled because the cluster is gone.
-    """
+    """The row of a finished future; a mission that Dask stopped retrying has failed."""
     if future.status == "finished":
         row: dict[str, Any] = future.result()
         return row

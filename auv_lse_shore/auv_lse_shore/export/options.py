@@ -243,11 +243,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _row(first_text: str, second_text: str, first: str, second: str, where: str, decimal: str) -> tuple[float, float]:
-    """The two numbers of a row; a time in UTC becomes seconds.
-
-    Raises:
-        SurveyError: naming the value that is none.
-    """
+    """The two numbers of a row; a time in UTC becomes seconds."""
     numbers = [text.replace(decimal, ".") for text in (first_text, second_text)]
     value = _utc_s(first_text) if first == "time_utc" else _number(numbers[0])
     level = _number(numbers[1])

@@ -129,11 +129,7 @@ class Survey:
         return dataclasses.replace(run, vehicles=vehicles, notes=[*run.notes, *notes])
 
     def _notes_above(self, vehicles: Sequence[VehicleRun]) -> list[str]:
-        """A note on soundings above the datum, which no map takes.
-
-        Raises:
-            SurveyError: if all of them are: the water level has another datum or unit.
-        """
+        """A note on soundings above the datum, which no map takes."""
         depth = np.concatenate([vehicle.soundings.depth_m for vehicle in vehicles])
         above, count = int((depth <= 0.0).sum()), counted(len(depth), "sounding")
         if self.water_level is None or not above:
@@ -187,11 +183,7 @@ class Survey:
 
 
 def _check_gaps(times_s: Array, stamp_s: Array) -> None:
-    """Checks that no sounding lies in a gap between the times (n,) of water levels.
-
-    Raises:
-        SurveyError: naming the longest gap around soundings.
-    """
+    """Checks that no sounding lies in a gap between the times (n,) of water levels."""
     steps = np.diff(times_s)
     if len(steps) < 2 or not len(stamp_s):
         return

@@ -95,11 +95,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Checks options that the command line alone cannot.
-
-    Raises:
-        LiveError: naming the option.
-    """
+    """Checks options that the command line alone cannot."""
     if options.write is not None and (options.port is not None or options.open):
         name = "open" if options.open else "port"
         raise LiveError(f"--{name} serves a page, but --write only writes one. Leave out one of them")
@@ -116,11 +112,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _only_domain() -> int | None:
-    """The domain of the one mission on this machine, so that its buttons never reach another; None without one.
-
-    Raises:
-        DomainError: if several missions run, or only a simulation of another user.
-    """
+    """The domain of the one mission on this machine, so that its buttons never reach another; None without one."""
     busy = busy_domains()
     if len(busy) > 1:
         raise DomainError(

@@ -171,11 +171,7 @@ def check_vehicles(names: Sequence[str], vehicles: int, where: str = "--set ") -
 
 
 def _area(words: Sequence[str]) -> dict[str, Any]:
-    """The parameters of `--area`: the name of a file, or four numbers.
-
-    Raises:
-        ParameterError: if they are neither, or the corners are not in order.
-    """
+    """The parameters of `--area`: the name of a file, or four numbers."""
     given = " ".join(words)
     if len(words) == 1:
         return {"area.file": str(Path(words[0]).resolve())}

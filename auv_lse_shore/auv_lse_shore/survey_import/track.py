@@ -186,11 +186,7 @@ def _track(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -
 
 
 def _check_one_boat(name: str, times: Array, north: Array, east: Array) -> None:
-    """Checks that positions (n,) do not swing between two boats, as in joined logs of the same time.
-
-    Raises:
-        LogError: naming how far they are apart.
-    """
+    """Checks that positions (n,) do not swing between two boats, as in joined logs of the same time."""
     if len(times) < LEAST_POSITIONS:
         return
     steps_m, twice_m = (np.hypot(north[k:] - north[:-k], east[k:] - east[:-k]) for k in (1, 2))

@@ -45,11 +45,7 @@ def hardware_of(
 
 
 def _free_ports(number: int) -> list[int]:
-    """Free UDP ports of `PORTS`; a restarted driver finds its port free again.
-
-    Raises:
-        OSError: if there are not enough.
-    """
+    """Free UDP ports of `PORTS`; a restarted driver finds its port free again."""
     found: list[int] = []
     first = os.getpid() * 8 % len(PORTS)  # runs that start at the same time try different ports
     for port in (*PORTS[first:], *PORTS[:first]):

@@ -73,11 +73,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
 
 
 def _check_count(path: Path, counts: Sequence[int], lines: Sequence[int], rows: int, columns: int) -> None:
-    """Compares the numbers of values in lines with those of a grid's rows and columns.
-
-    Raises:
-        GroundError: naming the first line that is too short or too long, if each row has its line, or the numbers.
-    """
+    """Compares the numbers of values in lines with those of a grid's rows and columns."""
     odd = next((i for i, count in enumerate(counts) if count != columns), None)
     if odd is not None and (len(counts) == rows or 2 * counts.count(columns) > len(counts)):
         raise GroundError(
@@ -97,11 +93,7 @@ def _check_count(path: Path, counts: Sequence[int], lines: Sequence[int], rows: 
 
 
 def _read_header_line(fields: list[str], header: dict[str, float], where: str) -> None:
-    """Adds a line 'name number' to the header.
-
-    Raises:
-        GroundError: beginning with `where`, and naming what was expected.
-    """
+    """Adds a line 'name number' to the header."""
     key = fields[0].lower()
     try:
         header[key] = float(fields[1].replace(",", "."))

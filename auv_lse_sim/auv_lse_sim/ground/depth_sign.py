@@ -95,11 +95,7 @@ def grid_depths(
 
 
 def _looks_up(known: Array, span: str) -> bool:
-    """Whether a raster's values are elevations according to their signs.
-
-    Raises:
-        GroundError: if the signs are ambiguous.
-    """
+    """Whether a raster's values are elevations according to their signs."""
     negative, positive = float((known < 0.0).mean()), float((known > 0.0).mean())
     if min(negative, positive) > _BOTH_SIGNS:
         raise GroundError(

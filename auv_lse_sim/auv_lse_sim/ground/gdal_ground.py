@@ -146,11 +146,7 @@ def _options(driver: str) -> dict[str, str]:
 
 
 def _check_header(path: Path) -> None:
-    """Checks the header of a classic netCDF file: for a damaged one, GDAL asks for memory without limit and crashes.
-
-    Raises:
-        GroundError: if it is damaged, or a grid of GMT 3.
-    """
+    """Checks the header of a classic netCDF file: for a damaged one, GDAL asks for memory without limit and crashes."""
     from scipy.io import netcdf_file
 
     try:
@@ -168,11 +164,7 @@ def _check_header(path: Path) -> None:
 
 
 def _variable(names: list[str], path: Path) -> tuple[str, list[str]]:
-    """The subdataset that holds depths or elevations, by its name, and a note if it is one of several.
-
-    Raises:
-        GroundError: if none does, or several do and none or more than one is named by that word alone.
-    """
+    """The subdataset that holds depths or elevations, by its name, and a note if it is one of several."""
     shown = {name: name.rpartition(":")[2].strip("/") for name in names}
     fit = [name for name, last in shown.items() if not is_other(last)]
     named = [name for name in fit if text_says_up(shown[name]) is not None] or fit
@@ -327,9 +319,6 @@ def _netcdf_axes(data: Any, path: Path, x: Array, y: Array) -> tuple[Array, Arra
     """The axes of the columns and rows of a netCDF grid, in the unit of its CRS; GDAL found `x` and `y`.
 
     GDAL takes the last dimension for x, and even steps for granted. It finds no axes that the file does not mark.
-
-    Raises:
-        GroundError: if the axes are not those of the rows and columns, have uneven steps, or there are none.
     """
     tags = data.tags()
     names = [next((key.partition("#")[0] for key, text in tags.items() if text in marks), "") for marks in _AXES]
@@ -359,11 +348,7 @@ def _netcdf_axes(data: Any, path: Path, x: Array, y: Array) -> tuple[Array, Arra
 
 
 def _named_axes(data: Any, path: Path) -> tuple[list[str], Array, Array]:
-    """The axes of a netCDF grid that marks none, by their names: those of rows and columns, and both axes.
-
-    Raises:
-        GroundError: if there are none.
-    """
+    """The axes of a netCDF grid that marks none, by their names: those of rows and columns, and both axes."""
     if coordinates := data.tags(1).get("coordinates"):
         raise GroundError(
             f"{path}: its rows and columns have no axes; each node has a position ({coordinates}). Grid it evenly: "
@@ -395,11 +380,7 @@ def _values(path: Path, name: str) -> tuple[Array, float]:
 
 
 def _band(data: Any, path: Path) -> tuple[int, list[str]]:
-    """The number of the band with depths or elevations, and a note if there are others.
-
-    Raises:
-        GroundError: if every band has another meaning.
-    """
+    """The number of the band with depths or elevations, and a note if there are others."""
     said = [(text, data.tags(k).get("NETCDF_VARNAME")) for k, text in enumerate(data.descriptions, 1)]
     names = [" ".join(filter(None, texts)) for texts in said]
     fit = [k for k, name in enumerate(names, 1) if not is_other(name)]
@@ -443,11 +424,7 @@ def _split(crs: str | None) -> tuple[str | None, tuple[bool, float] | None]:
 
 
 def _check_no_picture(data: Any, band: int, said: Meaning, path: Path, config: BathymetryConfig) -> None:
-    """Refuses pictures: colors, and 8-bit values that nothing describes.
-
-    Raises:
-        GroundError: if the raster is a picture, or may be one.
-    """
+    """Refuses pictures: colors, and 8-bit values that nothing describes."""
     colors = sorted({color.name for color in data.colorinterp} & set(_COLORS))
     if data.colorinterp[band - 1].name in _COLORS or {"red", "green", "blue"} <= set(colors):
         raise GroundError(f"{path} is a picture (bands {', '.join(colors)}), not depths. Export the depths themselves")

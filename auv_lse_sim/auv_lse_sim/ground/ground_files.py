@@ -74,11 +74,7 @@ def load_ground(
 
 
 def _refuse_other(path: Path, begin: bytes) -> None:
-    """Refuses files that another program converts, by their first bytes or their suffix.
-
-    Raises:
-        GroundError: with the command that does it.
-    """
+    """Refuses files that another program converts, by their first bytes or their suffix."""
     if begin[:4] in (b"DSAA", b"DSBB", b"DSRB"):
         raise GroundError(f"{path} is a Surfer grid. Convert it: gdal_translate {path.name} {path.stem}.tif")
     if begin[:4] == b"LASF":
@@ -99,11 +95,7 @@ def _refuse_other(path: Path, begin: bytes) -> None:
 
 
 def _begin(path: Path) -> bytes:
-    """The first bytes of a file.
-
-    Raises:
-        GroundError: if it cannot be read.
-    """
+    """The first bytes of a file."""
     try:
         with path.open("rb") as file:
             return file.read(8)

@@ -130,11 +130,7 @@ def _wanted_area(settings: Settings, ground: Ground, area_given: bool) -> tuple[
 def _check_overlap(
     polygon_m: list[float], ground: Ground, asked: tuple[float, float], origin: tuple[float, float]
 ) -> None:
-    """Checks that a converted area lies on the ground.
-
-    Raises:
-        GroundError: naming both origins (deg).
-    """
+    """Checks that a converted area lies on the ground."""
     low, high = np.reshape(polygon_m, (-1, 2)).min(axis=0), np.reshape(polygon_m, (-1, 2)).max(axis=0)
     e = ground.extent
     if high[0] < e.north_min_m or low[0] > e.north_max_m or high[1] < e.east_min_m or low[1] > e.east_max_m:

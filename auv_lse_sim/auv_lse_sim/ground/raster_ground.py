@@ -82,11 +82,7 @@ def raster_ground(
 def _depths(
     path: Path, x: Array, y: Array, grid: Array, said: Meaning, config: BathymetryConfig
 ) -> tuple[Array, tuple[str, ...]]:
-    """The depths of a raster, and notes on how it was read.
-
-    Raises:
-        GroundError: if its coordinates are no grid, or its values are not understood.
-    """
+    """The depths of a raster, and notes on how it was read."""
     if min(len(x), len(y)) < 2:
         raise GroundError(f"{path}: has {len(y)} x {len(x)} nodes; a grid needs at least 2 x 2")
     if not (np.isfinite([x[0], x[-1], y[0], y[-1]]).all() and x[1] > x[0] and y[1] > y[0]):
@@ -110,11 +106,7 @@ def _local_raster(path: Path, x: Array, y: Array, grid: Array, notes: tuple[str,
 
 
 def _local_axes(path: Path, north: Array, east: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Axes (m) of a local grid that covers a raster's corners as finely as the raster of `shape`.
-
-    Raises:
-        GroundError: if the grid is too large.
-    """
+    """Axes (m) of a local grid that covers a raster's corners as finely as the raster of `shape`."""
     ny, nx = shape
     step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))
     if not step > 0.0:

@@ -30,11 +30,7 @@ _CRS = (4326, 5041, 5042)
 
 
 def _h5py() -> Any:
-    """The library, imported where it is used.
-
-    Raises:
-        ExportError: if it is not installed.
-    """
+    """The library, imported where it is used."""
     try:
         import h5py
     except ImportError as error:

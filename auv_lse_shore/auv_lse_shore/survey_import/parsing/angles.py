@@ -48,11 +48,7 @@ def angle(text: str, path: Path) -> float:
 
 
 def _side(letter: str, where: str, path: Path) -> float:
-    """-1 for S and W, 1 for others.
-
-    Raises:
-        LogError: for an O, which has two meanings; names the file and where the O is.
-    """
+    """-1 for S and W, 1 for others."""
     if letter.upper() == "O":
         raise LogError(f"{path}: the O in {where} is east in German and west in French and Spanish. Write E or W.")
     return -1.0 if letter.upper() in ("S", "W") else 1.0

@@ -206,11 +206,7 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
 
 
 def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text: str) -> None:
-    """Checks that a name of several words in a table with blanks shifts no columns.
-
-    Raises:
-        LogError: with a proposal from the values, if they show other columns, and the header how it is shifted.
-    """
+    """Checks that a name of several words in a table with blanks shifts no columns."""
     count = len(dialect.header)
     if dialect.delimiter != " " or count == dialect.width:
         return

@@ -308,11 +308,7 @@ def _past_midnight(clock: Array, day: Array, name: str, table: Table, content: L
 def _check_zones(
     texts: Sequence[str], times: Array, zoned: Sequence[str], column: Column, date_name: str, path: Path
 ) -> None:
-    """Checks that all texts (n,) that are times (n,) state a zone, or none, unless the header does.
-
-    Raises:
-        LogError: if only some do.
-    """
+    """Checks that all texts (n,) that are times (n,) state a zone, or none, unless the header does."""
     names = f"{column.name} {date_name}".lower()
     if not zoned or len(zoned) == len(texts) or "utc" in names or "gmt" in names:
         return

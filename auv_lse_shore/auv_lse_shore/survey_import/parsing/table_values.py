@@ -343,12 +343,7 @@ def _follows(heights: Array, depths: Array) -> bool:
 
 
 def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | None:
-    """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths.
-
-    Raises:
-        LogError: if the column may be of another one, because it follows one that is not used, or no unit in it is
-            understood.
-    """
+    """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths."""
     roles = {c.number: role for role, c in table.columns.items() if role.startswith("depth_unit")}
     names = {number: table.columns[role].name for number, role in roles.items()}
     plain = {c.number for role, c in table.columns.items() if c.number not in names and role not in DEPTHS}
