@@ -15,27 +15,7 @@ sentences:
 
 Receptions run independently of these states (`receiving.py`), and so do later clock checks.
 
-Transitions (`TRANSITIONS` below; any other one raises RuntimeError: it is a bug here and not in the modem)
------------------------------------------------------------------------------------------------------------
-    state        cause       next
-    CLOSED       OPENED      CONFIGURING
-    CONFIGURING  CONFIGURED  CLOCK         every setting is confirmed, or refused and not required
-    CLOCK        CLOCKED     IDLE          the clock is right, or set, or cannot be set (reported)
-    IDLE         SEND        CYCLING       $CCCYC written
-    CYCLING      ECHO        REQUESTING    $CACYC with our address
-    CYCLING      REQUEST     GIVING        the echo's line was lost; $CCTXD written
-    REQUESTING   REQUEST     GIVING        $CADRQ; $CCTXD written
-    GIVING       REQUEST     GIVING        $CADRQ for the next frame; $CCTXD written
-    GIVING       STARTED     SENDING       $CATXP
-    GIVING       FINISHED    IDLE          $CATXF: the line of $CATXP was lost
-    SENDING      FINISHED    IDLE          $CATXF
-    IDLE         PING        PINGING       $CCMPC written
-    PINGING      FINISHED    IDLE          $CAMPR
-    CYCLING, REQUESTING, GIVING, SENDING, PINGING
-                 FAILED      IDLE          refused, data timeout, too late, or no answer
-    any but CLOSED
-                 REBOOTED    CONFIGURING   $CAREV,..,INIT, or the modem's address is not ours
-    any          CLOSED      CLOSED
+Any transition that `TRANSITIONS` lacks raises RuntimeError: it is a bug here and not in the modem.
 """
 
 from __future__ import annotations
@@ -76,22 +56,24 @@ class Cause(enum.Enum):
 
 TRANSITIONS: dict[tuple[State, Cause], State] = {
     (State.CLOSED, Cause.OPENED): State.CONFIGURING,
-    (State.CONFIGURING, Cause.CONFIGURED): State.CLOCK,
-    (State.CLOCK, Cause.CLOCKED): State.IDLE,
-    (State.IDLE, Cause.SEND): State.CYCLING,
-    (State.CYCLING, Cause.ECHO): State.REQUESTING,
-    (State.CYCLING, Cause.REQUEST): State.GIVING,
-    (State.REQUESTING, Cause.REQUEST): State.GIVING,
-    (State.GIVING, Cause.REQUEST): State.GIVING,
-    (State.GIVING, Cause.STARTED): State.SENDING,
-    (State.GIVING, Cause.FINISHED): State.IDLE,
-    (State.SENDING, Cause.FINISHED): State.IDLE,
-    (State.IDLE, Cause.PING): State.PINGING,
-    (State.PINGING, Cause.FINISHED): State.IDLE,
+    (State.CONFIGURING, Cause.CONFIGURED): State.CLOCK,  # every setting is confirmed, or refused and not required
+    (State.CLOCK, Cause.CLOCKED): State.IDLE,  # the clock is right, or set, or cannot be set (reported)
+    (State.IDLE, Cause.SEND): State.CYCLING,  # $CCCYC written
+    (State.CYCLING, Cause.ECHO): State.REQUESTING,  # $CACYC with our address
+    (State.CYCLING, Cause.REQUEST): State.GIVING,  # the echo's line was lost; $CCTXD written
+    (State.REQUESTING, Cause.REQUEST): State.GIVING,  # $CADRQ; $CCTXD written
+    (State.GIVING, Cause.REQUEST): State.GIVING,  # $CADRQ for the next frame; $CCTXD written
+    (State.GIVING, Cause.STARTED): State.SENDING,  # $CATXP
+    (State.GIVING, Cause.FINISHED): State.IDLE,  # $CATXF: the line of $CATXP was lost
+    (State.SENDING, Cause.FINISHED): State.IDLE,  # $CATXF
+    (State.IDLE, Cause.PING): State.PINGING,  # $CCMPC written
+    (State.PINGING, Cause.FINISHED): State.IDLE,  # $CAMPR
+    # refused, data timeout, too late, or no answer
     **{
         (state, Cause.FAILED): State.IDLE
         for state in (State.CYCLING, State.REQUESTING, State.GIVING, State.SENDING, State.PINGING)
     },
+    # $CAREV,..,INIT, or the modem's address is not ours
     **{(state, Cause.REBOOTED): State.CONFIGURING for state in State if state is not State.CLOSED},
     **{(state, Cause.CLOSED): State.CLOSED for state in State},
 }
