@@ -3,8 +3,6 @@
 `auv_lse bench planners` flies any set of planners over any set of grounds instead, and writes one page.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

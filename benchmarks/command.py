@@ -1,7 +1,5 @@
 """What benchmarks that are run by themselves have in common: `python -m benchmarks.NAME`."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import subprocess

@@ -3,8 +3,6 @@
 `auv_lse bench comms` prints the rows, `python -m benchmarks.comms figure` draws docs/figures/channel.png.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Processor time with the stack's executor and with rclpy's: of a message in one process, and of a short mission."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

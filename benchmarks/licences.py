@@ -3,8 +3,6 @@
 python -m benchmarks.licences > config/licences.txt
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import re
 import sys

@@ -1,7 +1,5 @@
 """A mission as real processes, with the processor time of each."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -4,8 +4,6 @@ The map, the positions and the planner of vehicle 1 are timed by recomputing the
 what else its nodes took is `messages`. `auv_lse bench mission` compares the figures with those of a baseline.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import subprocess

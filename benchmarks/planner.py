@@ -6,8 +6,6 @@ Ratios to scikit-learn are of the same work: the values of the same paths by con
 the path's locations. Where it is not installed, they are left out.
 """
 
-from __future__ import annotations
-
 import copy
 import os
 import subprocess

@@ -7,8 +7,6 @@ Packets are compared byte for byte (by hash), figures of merit to a relative 1e-
 Figures hold for one machine and one set of libraries: another BLAS rounds differently.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

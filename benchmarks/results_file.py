@@ -1,7 +1,5 @@
 """Results files: one mission per line, as JSON; lines are appended, so no mission is simulated twice."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import signal

@@ -1,7 +1,5 @@
 """One line of the tables that `auv_lse bench` prints."""
 
-from __future__ import annotations
-
 from typing import Any
 
 #: Content of a line; `auv_lse bench --json` writes these keys.

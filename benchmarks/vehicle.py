@@ -5,8 +5,6 @@ Two vehicles fly apart, in real time, each in its own ROS domain with an emulate
 the others. A Raspberry Pi 4's core has about a third of the speed of a desktop's.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """The diagnostics that modem_node publishes about the acoustic link."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from auv_lse_common.vocabulary.health import Health, Level

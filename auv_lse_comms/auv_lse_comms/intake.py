@@ -1,7 +1,5 @@
 """One tick of a vehicle's acoustic bridge: it processes its inputs, then composes its packet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation

@@ -8,8 +8,6 @@ its excess packets are refused, so that it cannot fill the map. Packets outside 
 separately: without a tag anyone can send under a mate's number, and must not use up that mate's slots.
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections import Counter, deque

@@ -5,8 +5,6 @@ a PPS that all vehicles share, and the modem reports the travel time without its
 the mate's modem answers without its host.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Creates a vehicle's acoustic bridge from the sections of a mission file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

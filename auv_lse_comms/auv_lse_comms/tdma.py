@@ -14,8 +14,6 @@ epoch, so that a vehicle that has only the new settings finds the same slots. A 
 change belongs to no vehicle.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterator

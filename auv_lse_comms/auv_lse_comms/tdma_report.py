@@ -1,7 +1,5 @@
 """What the acoustic bridge reports of its schedule."""
 
-from __future__ import annotations
-
 from auv_lse_common.topics.records import TdmaReport
 from auv_lse_comms.bridge import ModemBridge
 

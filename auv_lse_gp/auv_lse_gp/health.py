@@ -1,7 +1,5 @@
 """Diagnostics of gp_node."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from auv_lse_common.support.plurals import counted

@@ -1,7 +1,5 @@
 """Queues the inputs of a vehicle's map and applies them once per tick."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Units of length as files name them, and the column of a table that states the unit of its depths."""
 
-from __future__ import annotations
-
 import functools
 import math
 import re

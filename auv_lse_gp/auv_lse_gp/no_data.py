@@ -1,7 +1,5 @@
 """Values that stand for missing data in grids and tables of depths."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

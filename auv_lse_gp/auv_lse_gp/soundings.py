@@ -1,7 +1,5 @@
 """Soundings in metres from tables and npz grids, and the origin of their positions."""
 
-from __future__ import annotations
-
 import math
 import tokenize
 import zipfile

@@ -6,8 +6,6 @@ easting), in degrees (lat, lon), or both. Depths are depth_m, positive down, or 
 units, such as depth_unit, counts for depths whose name has none.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re

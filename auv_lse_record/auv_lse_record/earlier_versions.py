@@ -4,8 +4,6 @@ Readers without ROS need none of this: they decode messages by the definitions i
 of the dive into the frame of each header ("sim-1123-184534-3f2a/map"), and had fewer and other fields.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which topics outside of the stack are recorded, and how many bytes of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 

@@ -4,8 +4,6 @@ The file is read from its beginning, by the MCAP format alone: an index, which a
 needed, and neither is `metadata.yaml`.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterator
 from io import BytesIO

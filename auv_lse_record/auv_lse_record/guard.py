@@ -1,7 +1,5 @@
 """Ends a recording when the disk is nearly full or fails, so that the mission continues without it."""
 
-from __future__ import annotations
-
 import shlex
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Serializes many messages of one type that differ only in some numbers, such as those of a track, at once."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from typing import Any

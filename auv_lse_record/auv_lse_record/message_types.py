@@ -1,7 +1,5 @@
 """The types of recorded messages (rosbags), and messages made from the fields that the topic table encodes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

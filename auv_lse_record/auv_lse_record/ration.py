@@ -3,8 +3,6 @@
 They can be recomputed from what is recorded in full: soundings, positions, packets, plans.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterator

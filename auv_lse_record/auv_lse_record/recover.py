@@ -4,8 +4,6 @@ Such an MCAP file ends within a record and has no index, or some of its bits are
 copied to a new file with an index. The damaged file is kept as `.torn`.
 """
 
-from __future__ import annotations
-
 import argparse
 import mmap
 import sys

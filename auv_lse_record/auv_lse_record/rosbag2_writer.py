@@ -1,7 +1,5 @@
 """Writes a recording with rosbag2_py if it is installed, else with `bag_writer.BagWriter`."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path

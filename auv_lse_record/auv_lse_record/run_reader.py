@@ -1,7 +1,5 @@
 """Reads a mission's recording as `RunData`, without ROS."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import math

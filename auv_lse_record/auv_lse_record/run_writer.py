@@ -1,7 +1,5 @@
 """Writes a mission of the fleet engine as a recording for `read_run` and `ros2 bag play`, without ROS."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Mapping

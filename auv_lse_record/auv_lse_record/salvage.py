@@ -5,8 +5,6 @@ its own time span. Other records have no checksum: they count if they fill their
 follows. After a damaged part the next whole chunk is looked for byte by byte.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO

@@ -3,8 +3,6 @@
 The constants come from the default mission, compressed (docs/evidence/runtime.md).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The origin of a recording: the mission file, and the version of the software."""
 
-from __future__ import annotations
-
 import functools
 import subprocess
 from collections.abc import Mapping, Sequence

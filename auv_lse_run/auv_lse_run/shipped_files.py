@@ -1,7 +1,5 @@
 """The files that the project ships: missions, campaigns, viewer layouts, the systemd unit. No checkout is needed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 FOLDER = Path(__file__).with_name("shipped")

@@ -5,8 +5,6 @@ depth_m); an npz grid with north_m, east_m, depth_m; or a recorded run (its fold
 all vehicles are used.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import math

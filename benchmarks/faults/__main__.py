@@ -1,7 +1,5 @@
 """auv_lse faults: breaks things on purpose and prints a table of what happened (docs/design/safety.md)."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import shutil

@@ -8,8 +8,6 @@ Dead-reckoned positions are exact and terrain is not matched, so corrections mov
 be looked for in later maps.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import time

@@ -4,8 +4,6 @@ A limit on the size of files (RLIMIT_FSIZE) stands in for the disk: files that h
 cannot grow. One time in four the limit is 0, as on a disk that became read-only: nothing can be written.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

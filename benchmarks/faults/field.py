@@ -5,8 +5,6 @@ relay cuts connections at a random byte. With `--packets`, each vehicle has a ne
 and delays packets, and outages, new addresses, reboots and dying laptops happen. `--dive` flies a whole simulated day.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import time

@@ -4,8 +4,6 @@ Each damaged file is read three times by a process of its own, which may take 20
 memory. It must end with content or with an error in a sentence: no other exception, no crash.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -4,8 +4,6 @@ The link (`AutopilotPort`, as vehicle_link_node drives it), a simulated autopilo
 that talk over UDP on this machine. Messages are signed. The autopilot reports ten times a second.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import random

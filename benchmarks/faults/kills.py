@@ -4,8 +4,6 @@ The vehicles share nothing but the simulated water (`auv_lse sim --apart`). Node
 run as on real vehicles, in real time. The recorders are not killed, because their recordings are the evidence.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

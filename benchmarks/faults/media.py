@@ -6,8 +6,6 @@ is a new dive, under way, on hold or aborted. Then a node is killed, or the powe
 the broken disk.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

@@ -4,8 +4,6 @@ They reserve nothing, as a vehicle in a container or nodes that were started by 
 is known. The simulation's summary must be that of the same mission alone. `test_domain.py` has what is refused.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

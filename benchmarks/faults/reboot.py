@@ -4,8 +4,6 @@ Journals are cut at any byte. One time in two a state file or the record of the 
 slot half written, filled with zeros, or removed. Sometimes the whole run folder is removed.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import shutil

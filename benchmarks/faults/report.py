@@ -1,7 +1,5 @@
 """Report of one kind of fault: its row in the table of `auv_lse faults all`."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections import Counter

@@ -4,8 +4,6 @@ One vehicle with a simulated autopilot travels a straight line over a slope, und
 at a random moment, and the run is judged by the true depth of the vehicle and of the water.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import math

@@ -4,8 +4,6 @@ One process runs the algorithms of one vehicle of a large team, as its nodes do.
 of them send valid packets far more often than their slots allow.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import os

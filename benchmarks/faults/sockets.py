@@ -1,7 +1,5 @@
 """The sockets that processes have open, from the kernel's tables: who could be reached from another machine?"""
 
-from __future__ import annotations
-
 import ipaddress
 import os
 import re

@@ -4,8 +4,6 @@ Half of the sequences are healthy. In each of the others one limit is exceeded f
 of `FAULTS`. It must be answered within twice its patience: by its response, or by a warning if that is "warn".
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import itertools

@@ -5,8 +5,6 @@ so nothing else changes. A vehicle with a wrong clock uses it for everything: st
 Its measured travel times are therefore wrong, too.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from collections.abc import Callable, Mapping

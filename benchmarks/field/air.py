@@ -4,8 +4,6 @@ As a process, with SEED NEAR FAR [NEAR FAR ...], it takes the descriptors of pai
 standard input, a JSON object a line: {"link": 0, "loss": 0.3, "delay_s": 0.15, "up": true}. It ends with its input.
 """
 
-from __future__ import annotations
-
 import heapq
 import json
 import os

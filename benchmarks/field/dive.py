@@ -5,8 +5,6 @@ its own, an emulated modem and a simulated autopilot. During the mission the lap
 the call reaches that vehicle by the acoustic packets of the others.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

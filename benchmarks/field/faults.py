@@ -1,7 +1,5 @@
 """Ten faults of a field day, each injected into a fleet of three, and what check or watch prints about it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """What befalls a field day on the air: outages, other addresses, reboots, laptops that die during a command."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

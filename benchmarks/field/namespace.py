@@ -1,7 +1,5 @@
 """Network namespaces, one for each vehicle, behind links that lose, delay and interrupt packets. Needs root."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import json

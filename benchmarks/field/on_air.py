@@ -1,7 +1,5 @@
 """Orders and a fetch over links that lose and delay packets, each vehicle's computer in a network namespace."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import time

@@ -1,7 +1,5 @@
 """Orders to all vehicles of a fleet at the same time, and a fetch with interruptions: what went wrong with them."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import random

@@ -4,8 +4,6 @@ The faults of a field day call this module with the arguments of auv_lse. Files 
 report a state (`STATE`), and put its clock off (`CLOCK`).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """Real sshd processes on 127.0.0.1, with keys made for the occasion: the computers of vehicles."""
 
-from __future__ import annotations
-
 import contextlib
 import getpass
 import os

@@ -4,8 +4,6 @@
 mission has another ground; half of them have an ArduSub.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The share of lone packets that the channel loses at a range, computed: what simulated packets are held against."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri

@@ -4,8 +4,6 @@ The small area (400 m x 500 m) is what one vehicle can just cover in 100 steps, 
 what three can.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

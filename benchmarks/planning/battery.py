@@ -3,8 +3,6 @@
 `auv_lse bench battery` compares where each vehicle turns home with the last position from which it still could.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ is that of its last quarter, where the map is largest. A mission of 200 legs or 
 own legs 50 to 100. Long missions take minutes.
 """
 
-from __future__ import annotations
-
 import math
 import resource
 import time

@@ -6,8 +6,6 @@
 Settings whose labels match up to the colon form one scene. Its first setting is compared with each of the others.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The environment of a public planner, sgptools, which needs TensorFlow: installs it, and asks it for paths."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -4,8 +4,6 @@ The full engine is `auv_lse_sim.engine.fleet`; this one leaves out what does not
 (instruments, modem, currents), so that hundreds of missions can be compared.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

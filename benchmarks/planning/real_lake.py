@@ -6,8 +6,6 @@ FILE is a lake's grid or soundings, as `auv_lse mission --bathymetry` takes it. 
 `tour`, with dead-reckoned and corrected positions. `auv_lse bench planners` flies whole lakes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import sys

@@ -8,8 +8,6 @@ soundings to the file as one JSON line. Judges each mission's map and appends it
 the second file all missions are judged again, from the soundings flown before: a few seconds each.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

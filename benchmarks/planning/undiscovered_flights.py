@@ -5,8 +5,6 @@ Gaussian fields of random length scale, standard deviation and mean; and windows
 400 m x 500 m, teams map 600 m x 700 m.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from pathlib import Path

@@ -5,8 +5,6 @@ file (`area.file`). They are converted when the mission file is read: nodes only
 shore: its commands pass a reader, and vehicles get a mission file with the polygons written into it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import shlex

@@ -1,7 +1,5 @@
 """The planning method that follows from a mission's goal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

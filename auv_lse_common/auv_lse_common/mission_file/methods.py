@@ -5,8 +5,6 @@ paper's augmented method (`sections.planner.from_method`). `FAMILIES` holds the 
 `auv_lse_planner.methods.families` has a class for each family. docs/extending/adding-a-method.md shows how to add one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

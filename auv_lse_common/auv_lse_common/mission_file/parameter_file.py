@@ -1,7 +1,5 @@
 """Reads ROS 2 parameter files: node patterns, and the parameters of a node."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

@@ -5,8 +5,6 @@ nested mapping (from YAML, or from a node's ROS parameters). It rejects unknown 
 wrong type or out of range, with a `ParameterError`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import math

@@ -4,8 +4,6 @@
 `parameters.py` takes from here what it answers when a mission file sets one of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 A recording's mission file may be of a version that was less strict: its numbers are read as that version read them.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Any

@@ -10,8 +10,6 @@ too; a simulation accepts only commands. Nodes started by hand have the id "" an
 hardware never obeys a simulation.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import secrets

@@ -5,8 +5,6 @@ serves its callbacks. The socket is in Linux's abstract namespace, so it needs n
 identifies the sender. What the operator must read at once, a process reports the same way.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

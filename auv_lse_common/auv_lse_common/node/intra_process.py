@@ -7,8 +7,6 @@ Messages are delivered in the order in which they were sent, and never during a 
 message ends before the message is read.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Collection
 from typing import Any, Protocol

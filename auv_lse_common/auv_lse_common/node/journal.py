@@ -16,8 +16,6 @@ position of `?`. A later process does not restore the dropped records and finds 
 than the mark and valid.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """A thread that writes the latest of several texts, so that a slow disk does not stop its caller."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

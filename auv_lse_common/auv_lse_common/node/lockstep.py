@@ -6,8 +6,6 @@ phase only when every announced message has arrived. No clock is involved: a run
 the scheduling of the processes.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

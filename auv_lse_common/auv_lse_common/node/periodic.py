@@ -1,7 +1,5 @@
 """Schedules a node's periodic work on a clock that may be set back."""
 
-from __future__ import annotations
-
 import math
 
 

@@ -5,8 +5,6 @@ participant of the ROS domain from which the introduction came: all writers of a
 their ids. rclpy 7.1 leaves the writer's id out of what it returns with a message, so rcl is asked for it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import functools

@@ -22,8 +22,6 @@ The clock may be wrong after a reboot, so this module compares no times. `START_
 changes with each start of the vehicle's programs, but not when a single node restarts.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """The copy of a state file in memory, which survives the process but no reboot of the computer."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -8,8 +8,6 @@ A file is whole if its size is right, its newest slot is whole, and the other on
 slot of a file's first record is blank. A file with two blank slots is damaged: every file begins with a record.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import struct

@@ -16,8 +16,6 @@ A vehicle whose autopilot travels a straight line in space to its target (`line_
 would have to be steeper than `STEEPEST`, it must climb where it is first.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

@@ -20,8 +20,6 @@ The filter begins after `LEAST` stretches; after fewer if the distance that a fu
 learned before a restart.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from statistics import median

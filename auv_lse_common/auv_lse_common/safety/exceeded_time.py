@@ -1,7 +1,5 @@
 """Measures how long a limit has recently been exceeded, robust against single readings."""
 
-from __future__ import annotations
-
 from collections import deque
 
 #: Number of last readings whose majority applies in a step without readings.

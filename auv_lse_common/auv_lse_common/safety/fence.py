@@ -1,7 +1,5 @@
 """The fence: the operating area's polygon plus a margin."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Writes files atomically: completely or not at all."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -10,8 +10,6 @@ Numba uses no cache that it cannot write, and would compile at each start where 
 vehicle at boot. There the cache that set-up made is copied to a folder that can be written.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib.util

@@ -6,8 +6,6 @@ do this: it limits discovery, while Fast DDS still listens on every address. Cyc
 every address whatever its profile says (seen with 11.0), so it is refused until the user names a network.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a check of a device found, and how commands print it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

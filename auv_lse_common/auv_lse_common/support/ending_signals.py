@@ -1,7 +1,5 @@
 """Signals that ask a process to end."""
 
-from __future__ import annotations
-
 import signal
 
 #: Ctrl-C; SIGTERM, as of `timeout` and `systemctl stop`; SIGHUP, as of a closed terminal or SSH session.

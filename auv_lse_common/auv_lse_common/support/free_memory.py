@@ -1,7 +1,5 @@
 """Returns unused memory of a process to the operating system."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A table of numbers that grows at its end; its memory grows by a quarter when it is full."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -3,8 +3,6 @@
 Readers check the size of an input before they process it.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 #: Bytes of a mission, campaign or other YAML file.

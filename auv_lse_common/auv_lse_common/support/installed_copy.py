@@ -3,8 +3,6 @@
 Several copies may be installed: wheels of pip, a colcon workspace, a checkout. Python imports the first that it finds.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import importlib.util
 import os

@@ -3,8 +3,6 @@
 Otherwise a node that needs one class would import the whole package and SciPy.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Errors about optional packages that are missing, with the install command."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import importlib.util
 

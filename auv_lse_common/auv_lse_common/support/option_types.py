@@ -1,7 +1,5 @@
 """Types of command-line options that are numbers, for argparse."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Counts and sizes in sentences: "1 vehicle", "3 vehicles", "40 m2", "1.2 ha"."""
 
-from __future__ import annotations
-
 
 def counted(count: int, what: str) -> str:
     """A count with its noun, whose plural ends in s."""

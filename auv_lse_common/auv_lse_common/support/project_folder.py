@@ -1,7 +1,5 @@
 """The project's folder, with config/ and the default folders of runs, dives and campaigns."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

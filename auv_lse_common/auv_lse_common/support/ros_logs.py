@@ -1,7 +1,5 @@
 """ROS's own log files: rclpy.init fails if their folder cannot be written, as on a read-only or full disk."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Errors as one line of text for the terminal."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 #: Letters of another library's error that are shown.

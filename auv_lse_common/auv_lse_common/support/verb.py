@@ -4,8 +4,6 @@ A package lists its verbs in a module `verbs`, which imports nothing else, and n
 `auv_lse.verbs` of its setup.py. `auv_lse --help` shows the lists; a verb's own module is imported when it is called.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 #: Entry-point group in which a package names its verbs.

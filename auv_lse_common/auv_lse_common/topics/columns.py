@@ -1,7 +1,5 @@
 """Fields of many messages of one type at once, as arrays; `codecs.py` encodes those of one message."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Encodes and decodes maps: kernel centers, the field on its grid, and messages for viewers."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any

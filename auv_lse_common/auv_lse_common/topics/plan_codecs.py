@@ -1,7 +1,5 @@
 """Encodes and decodes plans, waypoints, and the state of a mission."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The quality of service of the stack's topics."""
 
-from __future__ import annotations
-
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from auv_lse_common.topics.table import Topic

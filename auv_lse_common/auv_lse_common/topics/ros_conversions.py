@@ -1,7 +1,5 @@
 """Makes ROS messages from the fields that `codecs.py` encodes."""
 
-from __future__ import annotations
-
 import array
 from collections.abc import Mapping
 from functools import cache

@@ -4,8 +4,6 @@ Nodes, recorder, replay, live page, lockstep and the reference of topics derive 
 a row or an entry here (docs/extending/adding-a-topic.md).
 """
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Callable, Collection, Sequence

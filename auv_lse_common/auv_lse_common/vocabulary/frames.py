@@ -4,8 +4,6 @@ The stack uses north, east (m) on the local tangent plane, and headings (rad) cl
 ENU map frame (REP 103): x east, y north, z up, yaw counter-clockwise from east.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Any

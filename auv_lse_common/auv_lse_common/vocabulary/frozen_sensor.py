@@ -4,8 +4,6 @@ The sensor's resolution is estimated as the smallest difference of two consecuti
 repeated value is plausible as long as a sensor of that resolution can repeat itself.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

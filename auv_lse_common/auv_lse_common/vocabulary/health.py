@@ -1,7 +1,5 @@
 """Health of a node: its diagnostics, and the detection of new problems."""
 
-from __future__ import annotations
-
 import enum
 from collections import Counter, deque
 from collections.abc import Mapping

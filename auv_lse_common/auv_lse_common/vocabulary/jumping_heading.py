@@ -1,7 +1,5 @@
 """Detects a heading that jumps: faster than a vehicle can turn, again and again."""
 
-from __future__ import annotations
-
 from collections import deque
 from math import degrees
 

@@ -1,7 +1,5 @@
 """A leg: one action, an arc at the turning radius and then a straight (paper, section 4)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

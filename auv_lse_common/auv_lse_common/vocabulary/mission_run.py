@@ -13,8 +13,6 @@ After a reboot of the vehicle's computer (`pause`, then `after_reboot`) a missio
 depth is known. Under water it then resumes or surfaces. At the surface it waits for GO, which can reach it there.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 from collections.abc import Mapping

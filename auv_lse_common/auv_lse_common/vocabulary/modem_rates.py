@@ -1,7 +1,5 @@
 """Packet rates of the WHOI Micromodem-2: capacity and duration of a packet."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 #: Destination address of a broadcast packet.

@@ -5,8 +5,6 @@ and east (m). Pings without an echo have no row. The pings of each period of `ev
 their mean time and position, and their median depth, which is robust against wrong echoes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Named random streams from one mission seed, so that runs are repeatable."""
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

@@ -12,8 +12,6 @@ sounding with the last one that passed:
 Soundings that are not finite pass: their readers count them.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence

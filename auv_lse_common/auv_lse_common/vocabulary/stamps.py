@@ -1,7 +1,5 @@
 """Times with the resolution of ROS stamps, so that numbers are equal with and without ROS."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

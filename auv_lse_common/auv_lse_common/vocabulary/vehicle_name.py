@@ -1,7 +1,5 @@
 """Names of vehicles as people type them on a command line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 

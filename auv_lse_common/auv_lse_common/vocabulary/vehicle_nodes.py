@@ -1,7 +1,5 @@
 """The nodes of one vehicle."""
 
-from __future__ import annotations
-
 
 def vehicle_nodes(modem: bool, link: bool) -> list[tuple[str, str]]:
     """Package and executable of each node of one vehicle.

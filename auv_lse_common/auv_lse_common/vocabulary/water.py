@@ -8,8 +8,6 @@ Compression matters little: 5 cm at 150 m. The increase of gravity with depth (0
 layers of different density.
 """
 
-from __future__ import annotations
-
 import math
 
 #: Bulk modulus of water (Pa): 2.16e9 for sea water of 0 deg C to 2.3e9 for sea water of 20 deg C.

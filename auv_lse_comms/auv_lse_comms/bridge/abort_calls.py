@@ -1,7 +1,5 @@
 """Calls to abort the mission, between the vehicles of a team."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ One `ModemBridge` per vehicle. It reads no clock: `now_s` is the vehicle's own t
 of the TDMA epoch.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import Counter

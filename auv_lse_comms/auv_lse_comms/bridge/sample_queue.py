@@ -1,7 +1,5 @@
 """The soundings of one vehicle that wait to be sent as samples."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

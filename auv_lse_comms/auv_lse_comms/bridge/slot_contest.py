@@ -6,8 +6,6 @@ used at once. Samples and navigation of any other wait until the slot is over. T
 and the odds of its track rise against those of the others in that slot.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Which own slots a vehicle has used or missed, and how many packets of others are lost."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from auv_lse_comms.tdma import Slot, SlotKey, Tdma

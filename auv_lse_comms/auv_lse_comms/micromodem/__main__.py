@@ -1,7 +1,5 @@
 """`python -m auv_lse_comms.micromodem FILE`: replays a modem's line log through the driver and prints its events."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -10,8 +10,6 @@ ASKED, SETTING
           no answer, `CLOCK_TRIES` times        REST      reported
 """
 
-from __future__ import annotations
-
 import enum
 import math
 

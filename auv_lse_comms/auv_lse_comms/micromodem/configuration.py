@@ -1,7 +1,5 @@
 """Configures a Micromodem setting by setting: each is sent once the previous one is confirmed."""
 
-from __future__ import annotations
-
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.clock import ClockCheck
 from auv_lse_comms.micromodem.events import Problem

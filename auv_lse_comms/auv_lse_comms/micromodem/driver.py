@@ -13,8 +13,6 @@ sentence with a valid checksum proves that the modem is alive. The clock and the
 `clock_period_s`, which reveals silence and missed reboots. Any line may be lost.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from typing import Any

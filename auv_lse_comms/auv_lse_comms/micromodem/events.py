@@ -1,7 +1,5 @@
 """What the driver of a Micromodem reports to its owner."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

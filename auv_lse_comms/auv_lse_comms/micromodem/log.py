@@ -10,8 +10,6 @@ Polls without effect are omitted. The driver reads no clock and no port, so a re
 events: a problem from the field can be debugged at the desk, and a log can serve as a test.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass

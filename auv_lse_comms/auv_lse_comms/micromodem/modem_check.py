@@ -5,8 +5,6 @@
 differs is a note, with the sentence that sets it by hand.
 """
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES, ModemConfig

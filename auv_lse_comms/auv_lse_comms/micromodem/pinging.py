@@ -8,8 +8,6 @@ A ping begins only if the modem is idle and no packet waits; packets requested d
 one `PingAnswered` or `PingFailed`.
 """
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_common.vocabulary.modem_rates import MINI_PACKET_S

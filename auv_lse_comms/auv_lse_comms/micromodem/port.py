@@ -1,7 +1,5 @@
 """A modem's driver on its port, with its line log; `micromodem_node` owns one."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path

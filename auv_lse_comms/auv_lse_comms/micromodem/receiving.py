@@ -4,8 +4,6 @@ $CARXP or $CACYC opens a reception, $CARXD adds a frame, $CAMSG,BAD_CRC a bad on
 whose $CACST was lost is closed by the next reception or by a timeout.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -6,8 +6,6 @@ modem is busy; a second one is refused. Every packet gets exactly one `TransmitS
 `TransmitStarted` exactly one `TransmitDone` or `TransmitFailed`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from auv_lse_common.vocabulary.modem_rates import RATES

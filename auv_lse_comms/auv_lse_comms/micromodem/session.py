@@ -1,7 +1,5 @@
 """What the parts of a Micromodem driver share: state, time and waits, outgoing bytes, and events."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 

@@ -18,8 +18,6 @@ Receptions run independently of these states (`receiving.py`), and so do later c
 Any transition that `TRANSITIONS` lacks raises RuntimeError: it is a bug here and not in the modem.
 """
 
-from __future__ import annotations
-
 import enum
 
 

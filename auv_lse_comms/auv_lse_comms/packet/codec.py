@@ -3,8 +3,6 @@
 `fields.py` defines the bytes. The sender's number is not among them: it is the source in the modem's header.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import operator

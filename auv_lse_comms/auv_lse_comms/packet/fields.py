@@ -1,7 +1,5 @@
 """The packet's layout as one table, from which sizes, ranges, the codec and the documentation derive."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

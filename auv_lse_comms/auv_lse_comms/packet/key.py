@@ -1,7 +1,5 @@
 """The team's key, a file of hexadecimal digits that only its owner can read: creates and reads it."""
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import os

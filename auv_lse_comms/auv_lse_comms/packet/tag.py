@@ -15,8 +15,6 @@ in the order of slots. A vehicle that hears a mate in an era, or misses an echo,
 receives echoes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import math

@@ -9,8 +9,6 @@ A path in /dev/ may contain colons (/dev/serial/by-path/pci-0000:00:14.0-usb-0:1
 digits after the last one is a baud rate.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A port that is reopened whenever it fails."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 

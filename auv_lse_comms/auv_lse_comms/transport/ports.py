@@ -1,7 +1,5 @@
 """Open ports: a serial device, a TCP connection, a UDP socket."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

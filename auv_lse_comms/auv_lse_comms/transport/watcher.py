@@ -1,7 +1,5 @@
 """Wakes a port's owner when bytes have arrived."""
 
-from __future__ import annotations
-
 import os
 import select
 import threading

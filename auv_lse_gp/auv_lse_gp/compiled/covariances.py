@@ -1,7 +1,5 @@
 """Covariances, triangular solves and spacing compiled with numba: see `kernels.py`, `factor.py`, `store.py`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Loads the modules of compiled code on first use, since numba takes a second to load."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The exact expected Bayes risk compiled with numba: one ufunc, no temporaries. Formulas: see `risk.py`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

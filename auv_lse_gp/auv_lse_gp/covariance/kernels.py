@@ -4,8 +4,6 @@ Every kernel is signal_std^2 rho(r), with r the distance in units of the kernel'
 are scaled once (`Kernel.scale`), so anisotropy costs nothing extra.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

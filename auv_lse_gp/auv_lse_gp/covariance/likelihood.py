@@ -7,8 +7,6 @@ sections 2.7 and 5.4.1). The search varies the logarithms of the length scales a
     d log p / d x = 1/2 [ a^T dA a / s^2 - tr(A^-1 dA) ],   A = R + g I,  a = A^-1 (z - H b).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Prior mean m(p) of the depth: a constant, a plane, or a prior survey."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

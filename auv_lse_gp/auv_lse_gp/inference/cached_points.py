@@ -5,8 +5,6 @@ a thousand locations. `CachedMoments` stores only mean and variance, for a hundr
 unchanged rows by their numbers (`Posterior.rows`), which are never reused.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import solve_triangular
 

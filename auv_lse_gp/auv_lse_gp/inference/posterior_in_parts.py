@@ -1,7 +1,5 @@
 """Conditions and evaluates a posterior in parts (`inference/work.py`)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_common.support.arrays import Array

@@ -5,8 +5,6 @@ result. An operation is about one multiplication of a matrix product. Operations
 not measured. So a simulated mission repeats, whatever the speed of the machine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Generic, TypeVar
 

@@ -8,8 +8,6 @@ in closed form from the joint normal distribution of depth and slope (Adler and 
 2007, theorem 11.2.1). Summed over ground it is exact: it needs no draws and no contour.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Isobaths as lines of locations: drawn on a map, resampled, and what lies near them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Sequence

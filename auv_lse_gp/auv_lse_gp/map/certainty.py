@@ -18,8 +18,6 @@ prior, not from the lake. Where it could be anywhere, it is left out. The class 
 What is not found has a reason: `NOT_VISITED`, `POSITIONS_UNCERTAIN`, or `FLAT`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

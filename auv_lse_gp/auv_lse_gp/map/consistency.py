@@ -6,8 +6,6 @@ one with the largest residual gets more noise, as much as explains its residuals
 other, those with less support lose their weight.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 The posterior on the grid is cached (`CachedMoments`). The last centers are provisional, since merging still moves them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Checks a sounding before it enters the map: plausible numbers, and no outlier."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

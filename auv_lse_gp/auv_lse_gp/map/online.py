@@ -4,8 +4,6 @@ Soundings become kernel centers, or are merged into centers (`store.py`). The po
 one refactorization, from the first moved center on, for any number of soundings.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

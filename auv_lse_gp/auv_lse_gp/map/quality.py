@@ -1,7 +1,5 @@
 """The quality of a vehicle's map, as `mission.until` asks for it: share found, length undiscovered, deviation."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import math

@@ -14,8 +14,6 @@ In a long, narrow area, such as a river, these priors are too smooth across it: 
 its banks. There the limit is at least the length of an isobath along both sides, where it is not located.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A map and the log of its soundings, so that it can be rebuilt at corrected positions, with their uncertainty."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_common.support.arrays import Array, Ints

@@ -1,7 +1,5 @@
 """Corrected positions of a team's soundings, with their uncertainty."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_common.support.arrays import Array

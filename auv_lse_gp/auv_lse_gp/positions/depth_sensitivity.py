@@ -6,8 +6,6 @@ of new centers, and of centers whose slope has changed, are computed. All are re
 when the correction has turned or scaled tracks by `KEPT_TURN` since they were computed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Keeps a vehicle's time continuous when its clock is set, because tracks are ordered by time."""
 
-from __future__ import annotations
-
 import math
 
 #: Two stamps in a row more than this (s) before the last one mean that the clock was set back.

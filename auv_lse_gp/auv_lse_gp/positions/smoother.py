@@ -4,8 +4,6 @@ Raw tracks and measurements are stored, and each estimate uses all of them. Vehi
 so that no fix is counted twice.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

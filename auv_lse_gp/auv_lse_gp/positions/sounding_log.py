@@ -1,7 +1,5 @@
 """All soundings of a vehicle, with their positions in its map."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

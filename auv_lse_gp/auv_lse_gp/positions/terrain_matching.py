@@ -10,8 +10,6 @@ the position's derivatives A_i, g = sum_j alpha_j grad k(p_i, p_j) and alpha = S
   directions N, gradient and information are projected with P = I - N (N' W N)^-1 N' W, where W is the prior precision.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ the position then moves by a J sum(d_i sin psi_i) + b J sum(d_i cos psi_i), with
 stored along the track and interpolated.
 """
 
-from __future__ import annotations
-
 import abc
 import dataclasses
 import math

@@ -3,8 +3,6 @@
 The kernel centers are unsuitable: their minimum spacing drops soundings where tracks cross.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ The result depends only on the number of steps, the start and the area, and all 
 a packet therefore computes identical lanes.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

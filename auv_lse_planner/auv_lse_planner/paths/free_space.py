@@ -17,8 +17,6 @@ raster and read by bilinear interpolation. Theory of operation:
 - A vehicle more than `HOLD_BEYOND_M` outside circles, since its position is then most likely wrong.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

@@ -5,8 +5,6 @@ A state is an array (3,): heading (rad, clockwise from north), north (m), east (
 one plus the rotated step.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

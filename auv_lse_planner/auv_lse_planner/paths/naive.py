@@ -23,8 +23,6 @@ For each leg it takes the feasible action that, with the best next one, comes ne
 id and a state therefore give every receiver of a packet an identical path.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

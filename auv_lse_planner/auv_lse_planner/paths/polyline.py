@@ -1,7 +1,5 @@
 """Locations along a polyline, and their derivatives with respect to its corners."""
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

@@ -6,8 +6,6 @@ compared with this margin. Feasible actions and the paths of team mates depend o
 margin makes no plan void.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

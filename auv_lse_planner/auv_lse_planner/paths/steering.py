@@ -10,8 +10,6 @@ The result depends on the area but not on the map, and all arithmetic is scalar,
 computes the same actions.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

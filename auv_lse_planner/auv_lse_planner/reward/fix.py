@@ -12,8 +12,6 @@ area by which the isobath may be displaced, times the cost of an error. It ignor
 which start from a better known position.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig

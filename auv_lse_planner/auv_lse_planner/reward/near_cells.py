@@ -4,8 +4,6 @@ A measurement changes the depth's variance only near its location. In a large ar
 locations of a path.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_common.support.arrays import Array, Ints

@@ -9,8 +9,6 @@ is sigma^2 - sigma^4 diag(M^-1), plus the variance due to uncertain positions of
 reduce.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ the prior's expectation (`Posterior.residual_ratio`). The ratio is 0.4 to 1 for 
 about 0.2 (no inflation) for three vehicles in a larger lake.
 """
 
-from __future__ import annotations
-
 from auv_lse_gp.inference.posterior import Posterior
 
 #: Inflation per unit of the residual ratio, and the largest inflation.

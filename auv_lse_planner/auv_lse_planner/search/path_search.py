@@ -1,7 +1,5 @@
 """Tree search on the paper's reward: sequences of actions, each continued by a naive path."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Numbers the prefixes of action sequences, so that shared prefixes are evaluated once."""
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import numpy as np

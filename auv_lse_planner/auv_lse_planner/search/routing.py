@@ -9,8 +9,6 @@ All arithmetic is in integers (centimetres), with random numbers of its own, so 
 machine.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import itertools

@@ -1,7 +1,5 @@
 """Values of action sequences from one state. Converts the actions of the search to the locations of the reward."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -14,8 +14,6 @@ with respect to locations to one with respect to waypoints. L-BFGS-B moves the w
 free area. A penalty on missing clearance pushes locations away from forbidden ground.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

@@ -1,7 +1,5 @@
 """The search tree over the actions of a `FreeSpace`, as arrays and compiled functions: microseconds per sequence."""
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

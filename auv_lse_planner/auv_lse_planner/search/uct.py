@@ -10,8 +10,6 @@ The share `POLISH` of the iterations is a local search. It evaluates all sequenc
 best one, and continues with the next best until the budget is spent. The result is the best sequence evaluated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Texts and figures about a planner for planner_node's diagnostics and log."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Queues the inputs of a vehicle's planner between two ticks and applies them in a fixed order."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 A fix after a long dive moves the location permanently, so `CONSISTENT_LOCATIONS` consistent locations in a row pass.
 """
 
-from __future__ import annotations
-
 import math
 
 #: Largest accepted speed, as a multiple of the speed through the water (currents add to it).

@@ -4,8 +4,6 @@ Each function returns the texts by problem key. A key names the kind of problem,
 It stays the same while the problem lasts; the text may change from call to call.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from auv_lse_common.mission_file.sections.planner import PlannerConfig

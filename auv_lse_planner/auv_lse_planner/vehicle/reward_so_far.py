@@ -1,7 +1,5 @@
 """The reward of a vehicle's mission so far, and its lower bound."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Ground that the map shows as too shallow for a vehicle: it is blocked in the vehicle's free space."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_common.mission_file.operating_area import Grid

@@ -13,8 +13,6 @@ corrects the locations of earlier and later soundings. A vehicle considers a sur
 `reward/fix.py` computes the gain. The cost is the planned reward of the legs that no longer fit at the mission's end.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

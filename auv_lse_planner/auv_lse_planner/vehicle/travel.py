@@ -1,7 +1,5 @@
 """Tracks a vehicle along its legs: when the next decision is due, and the state from which it plans."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

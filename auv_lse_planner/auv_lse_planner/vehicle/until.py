@@ -9,8 +9,6 @@ same, or has been silent for `planner.plan_expiry_s`. A lost packet only delays 
 whose own map lacks the quality.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

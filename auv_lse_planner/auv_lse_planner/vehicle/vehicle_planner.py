@@ -19,8 +19,6 @@ Theory of operation.
   action is feasible, it is the escape (`free_space.py`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping

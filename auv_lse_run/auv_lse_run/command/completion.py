@@ -4,8 +4,6 @@ The script holds all words, so a shell need not start Python at each key. argcom
 of all verbs.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import shlex

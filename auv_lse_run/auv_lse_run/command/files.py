@@ -1,7 +1,5 @@
 """`auv_lse files`: where the files are that the project ships."""
 
-from __future__ import annotations
-
 import argparse
 
 from auv_lse_run.shipped_files import FOLDER, shipped_file, shipped_files

@@ -1,7 +1,5 @@
 """Finds the verbs of all installed packages."""
 
-from __future__ import annotations
-
 from importlib.metadata import EntryPoint, entry_points
 
 from auv_lse_common.support.verb import VERB_GROUP, Verb

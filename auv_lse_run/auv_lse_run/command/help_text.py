@@ -1,7 +1,5 @@
 """The text of `auv_lse --help` and `auv_lse --version`."""
 
-from __future__ import annotations
-
 import os
 import platform
 from collections.abc import Iterable

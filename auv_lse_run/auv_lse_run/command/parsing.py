@@ -1,7 +1,5 @@
 """Parses the arguments of a verb; errors name the verb that was called, in words that need no Python."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

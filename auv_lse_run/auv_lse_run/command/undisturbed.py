@@ -1,7 +1,5 @@
 """Standard output and error of a verb that goes on when their reader ends, as a pager does that is left early."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import io

@@ -1,7 +1,5 @@
 """`auv_lse wheels`: builds a wheel of each Python package of a checkout."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

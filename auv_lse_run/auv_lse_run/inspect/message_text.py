@@ -1,7 +1,5 @@
 """Messages as text, as `ros2 topic echo` prints them; needs only a message's list of fields."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Mapping, Sequence

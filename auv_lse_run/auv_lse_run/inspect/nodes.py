@@ -1,7 +1,5 @@
 """auv_lse nodes: list, info; arguments and output as those of `ros2 node`."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import sys

@@ -1,7 +1,5 @@
 """auv_lse params: list, get, set, dump, describe; arguments and output as those of `ros2 param`."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import sys

@@ -1,7 +1,5 @@
 """Rate and bandwidth over the last messages, printed as `ros2 topic hz` and `bw` do."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from itertools import pairwise

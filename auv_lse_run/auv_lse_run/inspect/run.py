@@ -1,7 +1,5 @@
 """auv_lse go, hold, surface, abort and reset command vehicles; auv_lse state shows the states of their missions."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

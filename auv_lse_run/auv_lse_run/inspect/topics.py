@@ -1,7 +1,5 @@
 """auv_lse topics: list, echo, hz, bw, info; arguments and output as those of `ros2 topic`."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import os

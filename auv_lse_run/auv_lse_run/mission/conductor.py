@@ -1,7 +1,5 @@
 """Starts the processes of a mission, follows it to its end, and ends them. Follows missions of `ros2 launch`, too."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import time

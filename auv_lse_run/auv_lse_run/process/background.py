@@ -1,7 +1,5 @@
 """Runs a function in a forked process on another core, in parallel to this process."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

@@ -1,7 +1,5 @@
 """Why a process has died, in words: its signal or exit code, and the likely cause."""
 
-from __future__ import annotations
-
 import shutil
 import signal
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ An entry point locks a file for its domain; the lock ends with the process. Comm
 domain without a lock.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -1,7 +1,5 @@
 """Signals that ask a command to end: as KeyboardInterrupt, or as a flag, so that processes can be ended in order."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

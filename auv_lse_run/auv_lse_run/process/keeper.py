@@ -17,8 +17,6 @@ keeper kills the fork server and its children. Silence is counted in the keeper'
 after the computer was suspended.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

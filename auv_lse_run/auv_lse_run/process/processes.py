@@ -1,7 +1,5 @@
 """Processes of a mission: their description, the nodes of one vehicle, and starting and ending processes."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

@@ -1,7 +1,5 @@
 """Starts and ends the process of a vehicle's dive, `auv_lse vehicle`, which outlives the session."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What a vehicle reports about itself before a dive: software, disk, files, domain, and what its own checks find."""
 
-from __future__ import annotations
-
 import hashlib
 import platform
 import shutil

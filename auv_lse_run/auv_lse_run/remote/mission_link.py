@@ -1,7 +1,5 @@
 """The vehicle's own nodes, over ROS: gives them orders, and keeps the newest of what they publish."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import time

@@ -1,7 +1,5 @@
 """The file of a vehicle's orders: locked while one is executed, written whole and to the disk before."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import json

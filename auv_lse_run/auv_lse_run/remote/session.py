@@ -1,7 +1,5 @@
 """One session of a laptop with a vehicle: takes requests line by line, and answers each."""
 
-from __future__ import annotations
-
 import os
 import select
 import shutil

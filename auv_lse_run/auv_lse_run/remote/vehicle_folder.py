@@ -1,7 +1,5 @@
 """The files in a vehicle's folder: mission files that a laptop sends, and recordings that it fetches."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib

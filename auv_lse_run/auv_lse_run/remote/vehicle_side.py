@@ -1,7 +1,5 @@
 """auv_lse vehicle-side: what `auv_lse fleet` runs on a vehicle, over SSH."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -4,8 +4,6 @@ The vehicle speaks first, with its hello. The laptop then asks, one line at a ti
 request or answer with the key `bytes` is followed by that many bytes.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any

@@ -14,8 +14,6 @@ a dive with another mission file was not ended. Only without any trace of an ear
 Nothing here stops the nodes from starting: a vehicle under water needs them even if its disk is gone.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """auv_lse vehicle: runs the nodes of one vehicle, and restarts them, until SIGTERM or Ctrl-C."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

@@ -1,7 +1,5 @@
 """The SROS 2 policy of one vehicle, generated from the table of topics: what its nodes may publish, read and serve."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from xml.etree import ElementTree

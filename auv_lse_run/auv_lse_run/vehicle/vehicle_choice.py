@@ -1,7 +1,5 @@
 """Which vehicle a start is for, and by which mission file: from the command line, else from the environment."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

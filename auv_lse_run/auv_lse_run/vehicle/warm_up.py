@@ -3,8 +3,6 @@
 scripts/setup runs it on a vehicle, so that nodes start quickly.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 

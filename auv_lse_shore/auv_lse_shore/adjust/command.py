@@ -1,7 +1,5 @@
 """auv_lse adjust: the command line."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path

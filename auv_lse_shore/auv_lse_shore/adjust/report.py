@@ -1,7 +1,5 @@
 """The report of an adjustment, and the table of soundings before and after it."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Reads an area file; its content, not its suffix, decides how."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The features of an area file: polygons, lines and points with the text that states their purpose."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

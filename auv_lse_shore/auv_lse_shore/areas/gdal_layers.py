@@ -1,7 +1,5 @@
 """GeoPackage and shapefile, read by GDAL (pyogrio)."""
 
-from __future__ import annotations
-
 import io
 import tempfile
 import zipfile

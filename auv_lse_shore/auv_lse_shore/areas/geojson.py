@@ -1,7 +1,5 @@
 """GeoJSON, with the CRS that older files name, and with a feature on each line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any

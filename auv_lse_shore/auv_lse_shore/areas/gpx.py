@@ -1,7 +1,5 @@
 """GPX: routes and tracks around an area, waypoints as starts and recovery positions."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element

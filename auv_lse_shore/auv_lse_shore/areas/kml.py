@@ -3,8 +3,6 @@
 GDAL is not used here: of several rings in one `innerBoundaryIs` its driver keeps only the last.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile

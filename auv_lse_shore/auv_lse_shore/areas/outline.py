@@ -1,7 +1,5 @@
 """The polygon that a line encloses: a drawn path, a route of corners, or a track along the border."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

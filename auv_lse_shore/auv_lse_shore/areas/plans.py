@@ -1,7 +1,5 @@
 """Plans and fences of QGroundControl (.plan) and Mission Planner (.waypoints, .poly, .fen, .ral)."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Converts features from the CRS of their file to WGS84 degrees."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ A feature's name, a property such as `role` or `type`, its folder, or a document
 shore is a line or the outline of a polygon. The one remaining polygon, or a closed line, is the operating area.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

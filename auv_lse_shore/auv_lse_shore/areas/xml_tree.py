@@ -1,7 +1,5 @@
 """Reads XML as mapping programs really write it: undeclared prefixes, wrong encodings, HTML entities."""
 
-from __future__ import annotations
-
 import re
 from html.entities import html5
 from xml.etree.ElementTree import Element, TreeBuilder

@@ -1,7 +1,5 @@
 """The Dask cluster that simulates missions: a remote one, or this machine's cores."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import logging

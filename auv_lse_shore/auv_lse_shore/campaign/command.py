@@ -1,7 +1,5 @@
 """auv_lse campaign: the command line of campaigns."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figures that compare settings over seeds: dots with intervals, curves over steps, and sweeps of one parameter."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence

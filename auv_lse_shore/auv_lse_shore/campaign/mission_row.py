@@ -1,7 +1,5 @@
 """One mission of a campaign: simulated, evaluated, and summarized in a result row."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import socket

@@ -1,7 +1,5 @@
 """The page of a campaign: settings compared over seeds, failures, and the command that reruns a mission."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Progress of a campaign: a live bar on a terminal, otherwise a line every ten seconds."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator

@@ -1,8 +1,6 @@
 """The reliability diagram of a campaign: share of locations that are safe against the P(deep enough) of the final
 maps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Repeats the mission of one row with full recording."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

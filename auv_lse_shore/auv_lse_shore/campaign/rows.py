@@ -4,8 +4,6 @@ A row file is written under another name and then renamed, so it is never incomp
 only the missions that were running. `results.parquet` holds all rows in one table.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

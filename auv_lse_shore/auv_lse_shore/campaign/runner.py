@@ -6,8 +6,6 @@ gives its mission to another. A mission that raises an error, or whose workers d
 "failed" with its error; the others continue.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import fcntl

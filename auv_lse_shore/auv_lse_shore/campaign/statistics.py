@@ -1,7 +1,5 @@
 """Means over seeds, proportions and paired differences, with their confidence intervals."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence

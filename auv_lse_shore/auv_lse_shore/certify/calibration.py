@@ -1,7 +1,5 @@
 """The measured calibration that a certificate's promises rest on: the row `all` of the table in docs/evidence/gp.md."""
 
-from __future__ import annotations
-
 from typing import Any
 
 #: Page and section with the whole table.

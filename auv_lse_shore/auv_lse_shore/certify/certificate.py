@@ -1,7 +1,5 @@
 """A certificate's content, and its files `certificate.json` and `certificate.html`."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

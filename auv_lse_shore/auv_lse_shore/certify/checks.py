@@ -9,8 +9,6 @@ The last map of an interrupted mission may have parts of different age (`DepthMa
 `DENSE_CENTERS` centers. Cells that differ from its centers are then noted, and only the soundings decide.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """auv_lse certify: the command line."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

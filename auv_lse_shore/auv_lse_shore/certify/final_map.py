@@ -1,7 +1,5 @@
 """The final map of a mission by the dense path, its isobath in pieces, and what may be missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

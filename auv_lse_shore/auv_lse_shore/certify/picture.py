@@ -1,7 +1,5 @@
 """The certificate's map."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

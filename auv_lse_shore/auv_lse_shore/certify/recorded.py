@@ -1,7 +1,5 @@
 """What recordings hold for a certificate: the mission, the maps that vehicles published, and the files' hashes."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass

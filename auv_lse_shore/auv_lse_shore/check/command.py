@@ -1,7 +1,5 @@
 """auv_lse check: checks mission files before a mission."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

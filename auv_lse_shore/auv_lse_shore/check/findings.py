@@ -1,7 +1,5 @@
 """Findings of a check: errors, warnings and notes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 

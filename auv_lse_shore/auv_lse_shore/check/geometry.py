@@ -1,7 +1,5 @@
 """Checks area, starts, lanes and depths of a mission."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checks the computer of a vehicle: its devices, files and packages."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Draws a mission file: what `auv_lse check --map` shows."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Sequence

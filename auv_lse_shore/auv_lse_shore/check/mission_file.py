@@ -1,7 +1,5 @@
 """Checks the content of a mission file, and collects every error instead of stopping at the first."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import re

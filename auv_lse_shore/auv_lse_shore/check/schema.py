@@ -1,7 +1,5 @@
 """The JSON schema of mission files for editors, and a commented template."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import textwrap

@@ -1,7 +1,5 @@
 """Checks timing and slots; estimates duration and packet content."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """auv_lse export: the command line."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

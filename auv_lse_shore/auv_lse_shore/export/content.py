@@ -1,7 +1,5 @@
 """What an export contains, and the coordinates of its files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

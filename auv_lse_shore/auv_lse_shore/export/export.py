@@ -1,7 +1,5 @@
 """Exports a mission's results to files for other programs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType

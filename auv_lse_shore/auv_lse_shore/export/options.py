@@ -1,7 +1,5 @@
 """Options of auv_lse export and auv_lse adjust that describe a survey."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import datetime

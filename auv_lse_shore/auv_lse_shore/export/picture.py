@@ -1,7 +1,5 @@
 """Draws an export from the exported files alone, as a check of their content."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

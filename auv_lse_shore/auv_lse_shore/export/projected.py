@@ -1,7 +1,5 @@
 """The chart of an export in a projected coordinate reference system: depth, uncertainty and order of each cell."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ turns them into depths below a datum:
 2. The height of the water surface above the datum is subtracted.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import datetime
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ THU to c + d * depth, TVU to sqrt(a^2 + (b * depth)^2). Orders 1a and 1b differ 
 An order here means these two limits; detection of features and coverage are not claimed.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ evaluated alike. Means over the map are over the cells inside the operating area
 cells inside, where there is no truth).
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The parts of a mission's summary, each computed from its inputs; `summary.Summary` describes the keys."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

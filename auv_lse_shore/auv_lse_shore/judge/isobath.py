@@ -1,7 +1,5 @@
 """Isobaths as lines: traced on a grid, compared with the true one, written as GeoJSON."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

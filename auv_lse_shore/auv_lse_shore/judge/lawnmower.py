@@ -3,8 +3,6 @@
 If a mission ended early, the lawnmower mission, planned for the whole, ends at the same step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

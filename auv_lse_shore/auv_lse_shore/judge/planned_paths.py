@@ -1,7 +1,5 @@
 """The paths of recorded plans, rebuilt as their receivers build them, and the legs that a vehicle travelled."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_common.mission_file.operating_area import OperatingArea

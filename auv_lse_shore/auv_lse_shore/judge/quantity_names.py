@@ -1,7 +1,5 @@
 """The names of quantities that a user meets on several screens: terminal, report, live page, maps and charts."""
 
-from __future__ import annotations
-
 #: Mean Bayes risk per location, with the prior's standard deviation; planners and the lawnmower bound use it.
 MAP_RISK = "map risk"
 

@@ -16,8 +16,6 @@ Neither reward measures the map. Map risk, the mean Bayes risk over the whole ma
 after a lawnmower mission (`mowing_risk`), and its expectation with the current plans (`expected_risk`) telescopes too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

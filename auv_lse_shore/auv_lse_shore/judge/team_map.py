@@ -1,7 +1,5 @@
 """The map from all soundings of all vehicles, and the isobath in it, piece by piece."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Measures of vehicles' tracks: position error, length, distance to each other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The true ground of simulated missions."""
 
-from __future__ import annotations
-
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.evaluation import ground_grid

@@ -1,7 +1,5 @@
 """A map compared with the true ground."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

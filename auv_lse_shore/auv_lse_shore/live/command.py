@@ -1,7 +1,5 @@
 """auv_lse live: shows a running mission or a recording on one page in a browser on this machine."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import os

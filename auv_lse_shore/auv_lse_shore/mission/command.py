@@ -1,7 +1,5 @@
 """The verb `auv_lse mission`: starts loading the nodes before its own imports."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 

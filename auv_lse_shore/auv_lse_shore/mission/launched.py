@@ -5,8 +5,6 @@ starts the report; `ros2 launch` sends it when the mission has ended or Ctrl-C i
 report. If the simulator stops the mission, the process reports why and ends, which ends the launch.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

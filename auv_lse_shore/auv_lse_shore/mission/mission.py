@@ -1,7 +1,5 @@
 """auv_lse mission: runs a simulated team mission as real ROS 2 processes, and evaluates it."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import importlib

@@ -1,7 +1,5 @@
 """The command line of auv_lse mission."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from collections.abc import Sequence

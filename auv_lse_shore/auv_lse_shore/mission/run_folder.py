@@ -1,7 +1,5 @@
 """The run folder."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """auv_lse sim: the simulator and its recorder; each vehicle is started with auv_lse vehicle."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import shlex

@@ -1,7 +1,5 @@
 """The mission file for vehicles, made from that of a simulated mission."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 scripts/setup runs it after building, so that nodes start quickly.
 """
 
-from __future__ import annotations
-
 import sys
 
 from auv_lse_common.mission_file.settings import Settings

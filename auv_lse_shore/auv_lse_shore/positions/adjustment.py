@@ -4,8 +4,6 @@ Every vehicle of every dive has errors of its own. All dives share the ground, a
 Under way, a vehicle has only its mates' packets. Here their own recordings replace these.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

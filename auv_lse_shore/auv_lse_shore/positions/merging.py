@@ -4,8 +4,6 @@ Each vehicle records its own soundings and what it hears. A packet that one reco
 received shows how far their clocks are apart: the delay one way, minus the delay the other way, is twice the offset.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """Writes the generated blocks of docs, or checks them: `python -m auv_lse_shore.reference_pages`."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable, Sequence

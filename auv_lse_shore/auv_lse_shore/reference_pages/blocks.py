@@ -6,8 +6,6 @@ A page marks a block with two comment lines; everything between them is generate
     <!-- end -->
 """
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence

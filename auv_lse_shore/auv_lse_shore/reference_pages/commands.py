@@ -1,7 +1,5 @@
 """The verbs of auv_lse by their argparse parsers, and the scripts of a checkout."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import re

@@ -1,7 +1,5 @@
 """Tables of topics, lockstep phases, packages, parameters, summary keys and packet fields."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

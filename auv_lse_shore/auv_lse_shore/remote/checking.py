@@ -1,7 +1,5 @@
 """auv_lse fleet check: asks every vehicle, and prints one table and one line per problem."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any

@@ -1,7 +1,5 @@
 """Compares the clocks of vehicles and laptop, each with the uncertainty of its round trip."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """auv_lse fleet: the command line."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import functools

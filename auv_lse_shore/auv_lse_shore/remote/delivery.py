@@ -1,7 +1,5 @@
 """Delivers the orders that are due to one vehicle, in one session, again and again until they are answered."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any, Protocol

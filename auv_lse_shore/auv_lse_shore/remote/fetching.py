@@ -1,7 +1,5 @@
 """auv_lse fleet fetch: copies recordings and logs, resumed after each drop, verified by hash, into one run folder."""
 
-from __future__ import annotations
-
 import errno
 import sys
 import time

@@ -1,7 +1,5 @@
 """The fleet file: which vehicles there are, and how they are reached."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass

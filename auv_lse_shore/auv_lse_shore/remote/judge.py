@@ -1,7 +1,5 @@
 """What is wrong with a fleet before a dive: from the vehicles' reports, one line per problem, with its cure. Pure."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field

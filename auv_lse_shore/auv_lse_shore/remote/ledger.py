@@ -11,8 +11,6 @@ others the vehicle is asked for the outcome, and executes them never if it has n
 safe one expires.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The file of the laptop's ledger, beside the fleet file: locked while it changes, and kept before anything is sent."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import getpass

@@ -1,7 +1,5 @@
 """The orders of auv_lse fleet (start, go, hold, ..., pending): gives them, and reports what became of them."""
 
-from __future__ import annotations
-
 import secrets
 import shlex
 import sys

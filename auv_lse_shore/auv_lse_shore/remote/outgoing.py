@@ -1,7 +1,5 @@
 """What vehicles get: the mission file with its areas written into it, and the files that it names."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ A state's age counts from the moment the laptop asked for it, plus the age that 
 older than shown, whatever the link did, and no clocks are compared.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

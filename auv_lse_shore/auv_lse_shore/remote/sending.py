@@ -1,7 +1,5 @@
 """auv_lse fleet send: all vehicles get the same mission and key, or the command names who has not."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,6 @@ ssh is called as a program, so keys, agents, jump hosts and `~/.ssh/config` work
 is off: a master whose link hangs would take every later session with it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

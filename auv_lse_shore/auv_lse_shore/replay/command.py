@@ -1,7 +1,5 @@
 """auv_lse replay: plays a recording, recomputes its maps and decisions, or renews its report."""
 
-from __future__ import annotations
-
 import argparse
 
 from auv_lse_common.support.missing_packages import missing

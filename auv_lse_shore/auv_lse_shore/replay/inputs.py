@@ -5,8 +5,6 @@ decision reports its planner's inputs. A map's inputs are known only to about 0.
 times.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

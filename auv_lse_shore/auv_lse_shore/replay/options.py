@@ -1,7 +1,5 @@
 """The command line of auv_lse replay."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

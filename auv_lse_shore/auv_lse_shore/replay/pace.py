@@ -1,7 +1,5 @@
 """Time of a replay as a function of the wall clock, with pauses, steps and rate changes; selection of topics."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase

@@ -1,7 +1,5 @@
 """Plays a recording for any viewer, and shows its progress on the terminal."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -1,7 +1,5 @@
 """Recomputes a recorded mission's maps and decisions, and reports what differs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import sys

@@ -4,8 +4,6 @@ Where a decision differs from the recorded one, the planner continues from the r
 not cause all that follow.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

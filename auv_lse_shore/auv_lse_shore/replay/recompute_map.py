@@ -1,7 +1,5 @@
 """Recomputes a vehicle's map from its recorded inputs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Renews the report of a mission from its recording."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

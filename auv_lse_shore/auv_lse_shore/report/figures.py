@@ -4,8 +4,6 @@ Vehicles have the colors of Okabe and Ito (2008) and, from the ninth on, other d
 color map. Cells that are not evaluated are left out. Maps are to scale, unless the area is far longer than wide.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The first picture of a report: where the isobath was found."""
 
-from __future__ import annotations
-
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """Marks on maps in local metres: latitude and longitude, a scale bar, and north."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Self-contained HTML pages from Jinja templates, and numbers formatted for readers."""
 
-from __future__ import annotations
-
 import base64
 import math
 from pathlib import Path

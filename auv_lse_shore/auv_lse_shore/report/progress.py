@@ -1,7 +1,5 @@
 """Shows what a long evaluation is doing."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Writes what a run folder holds besides the recording: summary, isobath, figures and one self-contained page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The figures of the report in their order, with captions."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from functools import partial

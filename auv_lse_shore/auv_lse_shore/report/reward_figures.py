@@ -1,7 +1,5 @@
 """The figures of a mission that are curves over steps: map risk with its bound, and the paper's reward."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

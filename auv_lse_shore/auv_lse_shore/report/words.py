@@ -1,7 +1,5 @@
 """The results of a mission in words: lines for a terminal, cards and paragraphs for the report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

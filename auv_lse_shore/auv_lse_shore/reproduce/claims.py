@@ -6,8 +6,6 @@ supported by an interval that contains zero but nothing worse than -5 %. Seeds s
 so differences are taken seed by seed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """One fully recorded mission of each kind, for the paper's figures: simulated once, then read from its run folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 The study's campaigns continue where they were stopped; then one mission of each kind is recorded for the figures.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from functools import partial

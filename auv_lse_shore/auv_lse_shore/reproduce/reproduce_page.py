@@ -1,7 +1,5 @@
 """The page of auv_lse reproduce: claims, the paper's figures, tables over seeds, sensitivities."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -5,8 +5,6 @@ coarse chart as prior, the same in an area that three vehicles cannot cover comp
 parameter at a time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

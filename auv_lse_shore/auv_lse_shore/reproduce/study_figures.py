@@ -1,7 +1,5 @@
 """The paper's figures from single missions: paths on the risk map, and the team reward with its lower bound."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

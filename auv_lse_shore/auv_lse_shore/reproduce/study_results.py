@@ -1,7 +1,5 @@
 """The results of a study: rows by setting, tables and claims as text and as data."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path

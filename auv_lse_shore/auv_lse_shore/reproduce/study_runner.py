@@ -1,7 +1,5 @@
 """Simulates a study: an estimate of its time, and its campaigns one after the other."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """The operating area of a survey: ground that was sounded, with gaps left out."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

@@ -4,8 +4,6 @@ Two sounders are never mixed. Without `--sounder`, the one with the most pings i
 named. Pings of low quality are left out by the log's own scale.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Sequence

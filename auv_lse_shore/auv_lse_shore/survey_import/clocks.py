@@ -1,7 +1,5 @@
 """Brings the times of logs to UTC, as far as the log or the user knows how, and asks where neither does."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

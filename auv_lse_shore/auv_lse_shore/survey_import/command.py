@@ -1,7 +1,5 @@
 """auv_lse import: the command line."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

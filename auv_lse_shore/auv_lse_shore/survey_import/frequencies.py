@@ -1,7 +1,5 @@
 """Tells two sounders of different frequencies from one that changes its frequency, as with the depth of the water."""
 
-from __future__ import annotations
-
 from array import array
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From files to logs on the local plane: reads, selects, dates and positions them, and counts what is left out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A file that a reader reads: its beginning, its bytes and its text; gzip is unpacked."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import tempfile

@@ -1,7 +1,5 @@
 """Draws an imported survey: tracks, depths, and the area in which they are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Finds the files of a survey, and the reader of each by its content."""
 
-from __future__ import annotations
-
 import glob
 import re
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """The run folder of an imported survey: its recording, its soundings, a mission file for a dive, and a picture."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

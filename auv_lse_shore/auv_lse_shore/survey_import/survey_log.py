@@ -1,7 +1,5 @@
 """The positions and depths of one log after the choice of its sources: what the track and the soundings come from."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Logs that follow each other are of one vehicle. A log of another boat at the sam
 a date follow each other from time 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ combined to one sounding per second, and the gate of implausible soundings follo
 (`auv_lse_common.vocabulary.sounding_gate`).
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Sequence

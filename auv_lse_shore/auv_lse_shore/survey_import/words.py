@@ -1,7 +1,5 @@
 """What the import prints: what was found, what was left out and why, and what to type next."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """What a simulated autopilot measures and estimates of its vehicle's state; needs no pymavlink."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

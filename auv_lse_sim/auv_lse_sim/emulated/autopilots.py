@@ -1,7 +1,5 @@
 """The simulated autopilots of a mission; needs the package auv_lse_mavlink."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Protocol

@@ -1,7 +1,5 @@
 """How a simulated autopilot misbehaves."""
 
-from __future__ import annotations
-
 import enum
 
 

@@ -1,7 +1,5 @@
 """The emulated modem's settings and clock, and the sentences that it writes to its host."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 

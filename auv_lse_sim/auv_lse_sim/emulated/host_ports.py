@@ -1,7 +1,5 @@
 """Ports on which a host reaches an emulated modem: a pseudo-terminal, or a TCP server."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

@@ -1,7 +1,5 @@
 """One simulated vehicle, its autopilot and the link to it, joined by bytes in one process: for tests and faults."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The simulated autopilots of a team, each on its UDP port."""
 
-from __future__ import annotations
-
 import select
 from collections import Counter
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What a simulated autopilot sends about its vehicle."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -20,8 +20,6 @@ Rules for targets:
 - A new target at a recent position of the vehicle stops it there. The next different target lets it continue.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter, deque
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Requests that are not answered are repeated every `ITEM_TIMEOUT_S`, `ITEM_REPEATS` times, then the upload is cancelled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from auv_lse_mavlink.messages.wire import Message, mavlink

@@ -4,8 +4,6 @@ Every modem receives every packet of the others after one second. No mission run
 `acomms`, or a terminal to the printed ports. Stop with Ctrl-C.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import select

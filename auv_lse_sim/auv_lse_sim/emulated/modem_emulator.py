@@ -12,8 +12,6 @@ Settings start with factory values: address 0, no statistics. A driver that does
 packets nor `$CACST`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

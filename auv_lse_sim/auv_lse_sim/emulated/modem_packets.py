@@ -1,7 +1,5 @@
 """Packets as they enter the simulated water and as they come out of it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The emulated modems of a team, each on its port, all connected to one channel."""
 
-from __future__ import annotations
-
 import contextlib
 import select
 from collections import Counter, deque

@@ -1,7 +1,5 @@
 """An emulated modem's transmissions: the host's cycle, its frames, and the packet in the water."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

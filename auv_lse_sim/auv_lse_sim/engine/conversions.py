@@ -1,7 +1,5 @@
 """Converts the simulation's values to the records of its topics."""
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_common.topics.records import Odometry, Reception, SimReport, Waypoint

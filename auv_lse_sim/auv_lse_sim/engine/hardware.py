@@ -1,7 +1,5 @@
 """Addresses of a run's emulated modems and autopilots, for both ends of each link."""
 
-from __future__ import annotations
-
 import os
 import socket
 from collections.abc import Collection

@@ -1,7 +1,5 @@
 """The mission file of the simulator."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The processes of a mission, for auv_lse mission, auv_lse sim and the launch file."""
 
-from __future__ import annotations
-
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_run.process.processes import RECORDER, Process
 

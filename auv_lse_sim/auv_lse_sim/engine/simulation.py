@@ -4,8 +4,6 @@ It owns the world, the emulated hardware, the mission's state and, in lockstep, 
 waypoints and packets that the nodes announce for this tick, and the answers of the hardware drivers.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 from collections.abc import Sequence

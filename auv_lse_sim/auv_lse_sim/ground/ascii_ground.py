@@ -1,7 +1,5 @@
 """Ground from an ESRI ASCII grid: a header of `name value` lines, then rows from north to south."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

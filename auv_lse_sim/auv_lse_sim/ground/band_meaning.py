@@ -1,7 +1,5 @@
 """What a file states about the values of a raster: depth or elevation, their unit, and what they are not."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

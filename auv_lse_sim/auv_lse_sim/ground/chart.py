@@ -4,8 +4,6 @@ The mission then starts from the chart instead of a constant depth: `gp.mean` be
 chart's file.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -5,8 +5,6 @@ depth = water_level_m - elevation. For a raster whose names, unit and CRS say ne
 negative values for elevations and positive ones that come near 0 for depths; anything else is an error.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ground from GeoTIFF, netCDF (GEBCO), BAG and S-102, read by GDAL if rasterio is installed."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

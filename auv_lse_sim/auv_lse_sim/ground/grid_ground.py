@@ -4,8 +4,6 @@ The grid lies on the local tangent plane and is interpolated by a bicubic spline
 NaN is unknown ground; depths of 0 or less are land, which counts as unknown.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

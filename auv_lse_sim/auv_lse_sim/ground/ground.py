@@ -4,8 +4,6 @@ Depth is water depth in metres below the still surface, positive down. NaN means
 generates synthetic ground, `ground_files.py` reads ground from files.
 """
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 from auv_lse_common.support.arrays import Array

@@ -1,7 +1,5 @@
 """Ground from files: soundings (CSV, XYZ), npz and ESRI ASCII grids, and rasters that GDAL reads."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig

@@ -1,7 +1,5 @@
 """Loads the ground of a mission, once for all of its processes."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pickle

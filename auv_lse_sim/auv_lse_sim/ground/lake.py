@@ -1,7 +1,5 @@
 """Synthetic lakes: drowned river valleys generated from a seed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Checks that the coordinates of a file lie near the mission's local origin."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from auv_lse_common.support.arrays import Array

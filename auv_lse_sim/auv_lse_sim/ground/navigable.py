@@ -6,8 +6,6 @@ separate parts, one part is kept. Ground that vehicles cannot reach from their s
 least navigable depth becomes the shore (`area.shore`), unless the mission has one. Every change is reported.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Ground from an npz grid in metres (see `auv_lse_gp.soundings.read_npz_grid`)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Resamples rasters in projected or geodetic coordinates to local metres."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Leaves ground that no vehicle can reach out of a mission: it becomes no-go areas of their own name."""
 
-from __future__ import annotations
-
 import numpy as np
 import shapely
 from contourpy import contour_generator

@@ -9,8 +9,6 @@ A vehicle can move turning loops through connected water that is wide enough for
 reached as soon as the loop of one state lies in it, with every heading that the actions lead to.
 """
 
-from __future__ import annotations
-
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math

@@ -1,7 +1,5 @@
 """The shore of an operating area that the ground limits: the contour of the least navigable depth."""
 
-from __future__ import annotations
-
 import numpy as np
 import shapely
 from contourpy import contour_generator

@@ -1,7 +1,5 @@
 """Ground from a table of scattered soundings, which it grids."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Ground from XYZ text without a header: x, y and a value on each line, as GDAL and survey programs write it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The depth instruments: DVL and altimeter beams, and the pressure sensor."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How deep a simulated vehicle without an autopilot travels over rising ground."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -21,8 +21,6 @@ Written for numba like `navigation.py`: scalars and the records of `records.py`;
 beforehand.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The compiled motion model as a mission file describes it: parameters, true errors, and the filters' start."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

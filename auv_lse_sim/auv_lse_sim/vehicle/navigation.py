@@ -25,8 +25,6 @@ and 16.2: an inertially aided dead-reckoning filter in closed loop). Scalar meas
 The functions are written for numba, and run as plain Python where it is not installed; both give the same numbers.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

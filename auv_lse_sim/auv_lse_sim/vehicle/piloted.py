@@ -5,8 +5,6 @@ what the estimate is off. Errors of heading and DVL turn into errors of the true
 is limited, so a strong current carries the vehicle off.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Protocol
 

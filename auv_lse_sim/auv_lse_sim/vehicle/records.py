@@ -4,8 +4,6 @@ Each is a NumPy record, so that compiled and plain code use the same names (`sta
 radians; north, east and headings clockwise from north; surge ahead and sway to starboard over ground.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Computes the leg to a target: an arc and a straight with the vehicle's turn radius."""
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_common.vocabulary.leg import Leg

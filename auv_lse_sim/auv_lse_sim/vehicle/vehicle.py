@@ -1,7 +1,5 @@
 """One simulated vehicle: follows its legs, measures the depth, and navigates by its instruments."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

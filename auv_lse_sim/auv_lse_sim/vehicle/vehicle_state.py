@@ -1,7 +1,5 @@
 """A simulated vehicle's estimated and true state."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from auv_lse_common.support.arrays import Array

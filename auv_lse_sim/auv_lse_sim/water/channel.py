@@ -12,8 +12,6 @@ All times are simulation times. All random numbers come from the Generator passe
 the transmissions, so that a run repeats from its seed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The current: a mean, a tide, and a slow random part (first-order Gauss-Markov)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

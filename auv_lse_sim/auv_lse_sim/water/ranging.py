@@ -7,8 +7,6 @@ clock's error is its offset before the dive plus its drift. `c` is constant duri
 assumed speed of sound.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Nothing here depends on the speed of the machine, on a clock, or on ROS.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from itertools import pairwise

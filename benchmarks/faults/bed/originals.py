@@ -1,7 +1,5 @@
 """Small whole files of the formats that users bring: areas, logs, soundings, rasters."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from collections.abc import Iterator

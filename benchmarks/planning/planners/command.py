@@ -1,7 +1,5 @@
 """auv_lse bench planners: flies planners over grounds and writes one page."""
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import itertools

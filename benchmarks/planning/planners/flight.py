@@ -1,7 +1,5 @@
 """One mission: a planner over a ground, in the light loop or the whole simulation, and its judgement."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping

@@ -11,8 +11,6 @@ grounds:
     mission: {level_set.level_m: 15.0, gp.map_resolution_m: 10.0}
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Callable, Collection, Mapping

@@ -12,8 +12,6 @@ A file with a function `planner()`, or an entry point of the group `auv_lse.plan
         return Ahead()
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import traceback

@@ -1,7 +1,5 @@
 """One judge for all planners: what the map of all soundings shows of the true isobath, while a mission goes on."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any

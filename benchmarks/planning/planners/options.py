@@ -1,7 +1,5 @@
 """The options of `auv_lse bench planners`, and the names of planners and roles; loads nothing heavy."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

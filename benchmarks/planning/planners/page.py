@@ -1,7 +1,5 @@
 """The page of the benchmark: means, and differences paired ground by ground, with 95 % intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

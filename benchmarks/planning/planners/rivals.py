@@ -6,8 +6,6 @@ All choose locations; our steering flies to them, and soundings on the way count
 `sgptools_rivals.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

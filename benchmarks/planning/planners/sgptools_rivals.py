@@ -3,8 +3,6 @@
 They know neither soundings nor the level. They run in an environment of their own (`benchmarks.planning.peer_path`).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import lru_cache, partial

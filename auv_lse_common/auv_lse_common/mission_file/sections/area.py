@@ -1,7 +1,5 @@
 """Section `area`: the operating area."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Parameters of the Gaussian process: the section `gp` of a mission file."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Section `level_set`: the isobath to find, and the costs of wrong calls."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Section `link`: the MAVLink connection to the autopilot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.parameters import ParameterError, parameter

@@ -1,7 +1,5 @@
 """Section `modem`: connection to the acoustic modem, and its operation."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

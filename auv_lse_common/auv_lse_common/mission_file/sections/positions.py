@@ -1,7 +1,5 @@
 """Parameters of the position correction: the section `positions` of a mission file."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any

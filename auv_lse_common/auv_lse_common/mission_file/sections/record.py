@@ -1,7 +1,5 @@
 """The section `record` of a mission file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.parameters import parameter

@@ -1,7 +1,5 @@
 """Section `safety`: the limits of a vehicle, and the response to each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.parameters import parameter

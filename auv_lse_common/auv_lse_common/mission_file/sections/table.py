@@ -4,8 +4,6 @@ This is the only list of sections: the loader, the parameter reference, the JSON
 To add a section, write its dataclass and add a field here.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import typing

@@ -4,8 +4,6 @@ Each `take_...` reads the field at `index`. If it is missing or invalid, `Senten
 what was expected.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

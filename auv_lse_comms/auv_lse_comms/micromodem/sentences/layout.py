@@ -1,7 +1,5 @@
 """Dataclasses laid out as sentences: each field states how its text is read and written, in the sentence's order."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Sequence

@@ -6,8 +6,6 @@ in `status_messages.py`, `transmit_messages.py`, `receive_messages.py` and `ping
 Sources: WHOI Micromodem-2 User's Guide, and the sentences as WHOI's `acomms` and Goby3 implement them.
 """
 
-from __future__ import annotations
-
 from auv_lse_comms.micromodem.sentences import ping_messages as ping
 from auv_lse_comms.micromodem.sentences import receive_messages as rx
 from auv_lse_comms.micromodem.sentences import status_messages as status

@@ -1,7 +1,5 @@
 """The sentences of a two-way ping: one modem sends a mini-packet, and the other answers it without its host."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

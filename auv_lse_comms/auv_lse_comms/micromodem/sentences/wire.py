@@ -5,8 +5,6 @@ hexadecimal digits. Types `CC...` go from host to modem, `CA...` from modem to h
 counts any damage on a serial line. `messages.py` interprets the sentences.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from functools import reduce

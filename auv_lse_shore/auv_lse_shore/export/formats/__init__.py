@@ -5,8 +5,6 @@ for the terminal. It may have a function `check()` that raises `ExportError` whe
 first line of its docstring is shown by `auv_lse export --help`. docs/extending/adding-an-export-format.md adds one.
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from types import ModuleType

@@ -1,7 +1,5 @@
 """risk.asc, depth.asc, std.asc: the same maps as ESRI ASCII grid, with their coordinates in .prj files."""
 
-from __future__ import annotations
-
 from auv_lse_shore.export.content import NODATA, Export
 
 

@@ -1,7 +1,5 @@
 """chart.bag: elevation and total vertical uncertainty as Bathymetry Attributed Grid (BAG) in UTM, or in --crs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_shore.export.content import NO_ORIGIN, Export, ExportError

@@ -1,7 +1,5 @@
 """chart.tif: depth, its total vertical uncertainty and S-44 order as cloud-optimized GeoTIFF in UTM, or in --crs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from auv_lse_shore.export.content import NO_ORIGIN, NODATA, Export

@@ -1,7 +1,5 @@
 """contours.geojson: depth contours at the levels of --contours and --contour-interval."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """soundings_b12_auvN.geojson: soundings for crowdsourced bathymetry (IHO B-12, GeoJSON CSB 3.1); needs --provider."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import re

@@ -1,7 +1,5 @@
 """isobath.geojson: the isobath with its band; each piece has a class (found, likely, guessed)."""
 
-from __future__ import annotations
-
 from auv_lse_gp.map.certainty import CLASSES, length_of
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.judge.team_map import write_isobath

@@ -1,7 +1,5 @@
 """risk.tif, depth.tif, std.tif: map risk, depth and its standard deviation as GeoTIFF."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """isobath.kml: the isobath and the operating area, for Google Earth and QGroundControl; needs an origin."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 

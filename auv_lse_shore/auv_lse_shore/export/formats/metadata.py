@@ -1,7 +1,5 @@
 """metadata.json: vertical datum, corrections, uncertainties and coordinates of all files."""
 
-from __future__ import annotations
-
 import json
 
 from auv_lse_shore.export.content import Export

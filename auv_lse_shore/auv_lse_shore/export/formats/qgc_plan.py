@@ -1,7 +1,5 @@
 """isobath.plan: a QGroundControl plan: the longest piece found as waypoints, the area as geofence; needs an origin."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

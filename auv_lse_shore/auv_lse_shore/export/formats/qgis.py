@@ -1,7 +1,5 @@
 """isobath.qgs: a QGIS project that opens the files, with a style (.qml) beside each of them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """chart_s102.h5: depth and uncertainty as bathymetric surface, IHO S-102 edition 3.0.0, in UTM or WGS84 degrees."""
 
-from __future__ import annotations
-
 import io
 import re
 from datetime import UTC, datetime

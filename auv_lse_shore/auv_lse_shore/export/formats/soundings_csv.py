@@ -1,7 +1,5 @@
 """soundings.csv: every sounding with time, vehicle, position, total uncertainties and the order of S-44 it meets."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Hands the commands of the page's buttons to the thread that has joined the mission's ROS domain."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from concurrent.futures import Future

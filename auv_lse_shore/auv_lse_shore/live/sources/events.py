@@ -3,8 +3,6 @@
 A message is any object with the fields of its ROS type, from a recording or from a subscription.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Callable

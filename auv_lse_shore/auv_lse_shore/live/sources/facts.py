@@ -1,7 +1,5 @@
 """The constants of a mission that the page needs: area, vehicles, slots, scales, the true isobath."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

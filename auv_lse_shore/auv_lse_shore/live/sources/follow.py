@@ -1,7 +1,5 @@
 """Fills a timeline from a recording, also while the recording grows."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 

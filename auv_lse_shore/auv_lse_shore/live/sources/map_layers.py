@@ -1,7 +1,5 @@
 """Encodes a vehicle's map compactly: one byte per cell and layer, as the compressed change since the last map."""
 
-from __future__ import annotations
-
 import base64
 import zlib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Recomputes the map of a vehicle whose recording has none, from its soundings and received samples."""
 
-from __future__ import annotations
-
 import math
 
 from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
 """Draws a plan as lines on the map: its actions, and their continuation to the mission's end."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

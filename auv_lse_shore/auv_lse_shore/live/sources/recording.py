@@ -1,7 +1,5 @@
 """A recording as messages, whether it is complete or still being written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

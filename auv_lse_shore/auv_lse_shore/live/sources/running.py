@@ -1,7 +1,5 @@
 """Fills a timeline from the missions that run on this machine, one after another."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

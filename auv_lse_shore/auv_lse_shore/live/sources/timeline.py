@@ -1,7 +1,5 @@
 """The events of a mission, in order of arrival."""
 
-from __future__ import annotations
-
 import threading
 import uuid
 from collections.abc import Iterable, Mapping

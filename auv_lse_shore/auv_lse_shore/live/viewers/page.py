@@ -1,7 +1,5 @@
 """Builds the page: one self-contained HTML file from the files in `page_files/`."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

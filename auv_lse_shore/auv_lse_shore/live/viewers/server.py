@@ -8,8 +8,6 @@ Commands need the token that is printed with the page's address, so that other u
 It is the address's fragment, which browsers do not send; the page sends it in a header.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import hmac

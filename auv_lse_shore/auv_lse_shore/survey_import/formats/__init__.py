@@ -6,8 +6,6 @@ shown by the help. Formats that begin with a signature are asked first; `ASKED_L
 docs/extending/adding-a-log-format.md adds one.
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from types import ModuleType

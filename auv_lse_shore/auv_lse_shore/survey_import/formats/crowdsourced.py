@@ -1,7 +1,5 @@
 """Crowdsourced bathymetry (IHO B-12, GeoJSON CSB 2.0 to 3.1), such as our own export."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

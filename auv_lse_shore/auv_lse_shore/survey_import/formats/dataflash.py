@@ -1,7 +1,5 @@
 """ArduPilot dataflash logs (.bin): POS or GPS with DPTH or RFND, and a submarine's BARO."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from auv_lse_common.support.missing_packages import MissingPackageError, missing

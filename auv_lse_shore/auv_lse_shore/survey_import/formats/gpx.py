@@ -1,7 +1,5 @@
 """GPX tracks and waypoints with depths in their extensions, as plotters and Garmin devices write them."""
 
-from __future__ import annotations
-
 from array import array
 from xml.etree.ElementTree import ParseError, XMLParser
 

@@ -1,7 +1,5 @@
 """Humminbird recordings: a .DAT file with the folder of .SON files of the same name beside it."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Lowrance, Simrad and B&G sonar logs: SL2 and SL3."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

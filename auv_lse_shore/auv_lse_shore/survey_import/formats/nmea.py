@@ -1,7 +1,5 @@
 """NMEA 0183 from plotters, multiplexers and GPS receivers: GGA, RMC, GLL or GNS with DPT, DBT, DBS or DBK."""
 
-from __future__ import annotations
-
 from auv_lse_shore.survey_import.log_content import LogContent
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.sentences import ANY_SENTENCE, SentenceReader

@@ -1,7 +1,5 @@
 """Tables of soundings: any delimiter, header, unit and encoding; Deeper, ReefMaster, PINGMapper, SonarTRX, our own."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

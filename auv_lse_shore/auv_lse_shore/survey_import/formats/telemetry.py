@@ -1,7 +1,5 @@
 """MAVLink telemetry logs (.tlog): GLOBAL_POSITION_INT with DISTANCE_SENSOR, WATER_DEPTH or RANGEFINDER."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from typing import Any
 

@@ -1,7 +1,5 @@
 """WIBL loggers' binary logs: NMEA 2000 packets and NMEA 0183 sentences with the time of their arrival."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

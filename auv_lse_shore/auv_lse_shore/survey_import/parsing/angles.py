@@ -1,7 +1,5 @@
 """Latitudes and longitudes in the notations of tables: hemispheres, minutes, and other units than degrees."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

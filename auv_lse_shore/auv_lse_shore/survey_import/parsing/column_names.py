@@ -1,7 +1,5 @@
 """What the names of a table's columns mean: the role of each, and its unit."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import NamedTuple

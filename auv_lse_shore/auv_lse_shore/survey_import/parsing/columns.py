@@ -1,7 +1,5 @@
 """The columns of a table that are used: from their names, or from `--columns`; and what they lack."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re

@@ -1,7 +1,5 @@
 """How a table is written: its delimiter, decimal sign, comments, header and units."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

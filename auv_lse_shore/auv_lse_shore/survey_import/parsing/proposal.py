@@ -1,7 +1,5 @@
 """Names for the columns of a table from what their values look like: a proposal for `--columns`."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Sequence

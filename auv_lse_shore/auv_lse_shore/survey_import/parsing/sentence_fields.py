@@ -1,7 +1,5 @@
 """Finds NMEA 0183 sentences in bytes, and reads their fields as columns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ arrival, so that a boat that moves on between slow positions is not put where it
 else from ZDA; each time of day gets the date that is nearest to it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from array import array

@@ -1,7 +1,5 @@
 """The times of a table's rows: from columns of epochs, dates, and times of day or from a start."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Decodes text of unknown encoding."""
 
-from __future__ import annotations
-
 import codecs
 
 #: Byte order marks and their encodings; the longer first.

@@ -1,7 +1,5 @@
 """Times in other people's notations: epochs in any unit, dates, times of day, and wrong dates."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from datetime import UTC, date, datetime

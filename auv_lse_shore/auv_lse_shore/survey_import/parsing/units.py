@@ -1,7 +1,5 @@
 """Units of a table's columns, as their headers state them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

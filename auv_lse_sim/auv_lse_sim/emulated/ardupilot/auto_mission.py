@@ -10,8 +10,6 @@ state (MISSION_CURRENT.mission_state)   event                                   
 any                                     the mission is cleared                     1
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from auv_lse_mavlink.messages.conversion import target_of_item

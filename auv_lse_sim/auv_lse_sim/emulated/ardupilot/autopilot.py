@@ -7,8 +7,6 @@ another mode, have no effect. After a lost ground station or a leak ArduSub surf
 `guidance.py` moves the vehicle, `failsafe.py` judges silence, `auto_mission.py` keeps the mission, `streams.py` sends.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """Commands (COMMAND_LONG) that a simulated ArduPilot carries out, and the messages that can be requested."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """When a simulated ArduPilot's estimator knows where it is: its origin, its clock since boot, its position."""
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_mavlink.messages.datum import Datum, Origin

@@ -4,8 +4,6 @@ A ground station counts once it was heard. Until then its silence has no effect;
 each time it is armed.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 

@@ -1,7 +1,5 @@
 """A companion that feeds the autopilot's range finder; the autopilot routes its messages onto the link too."""
 
-from __future__ import annotations
-
 from auv_lse_mavlink.messages.wire import MavlinkCodec, mavlink
 from auv_lse_sim.emulated import mavlink_telemetry as telemetry
 from auv_lse_sim.emulated.autopilot_report import Report

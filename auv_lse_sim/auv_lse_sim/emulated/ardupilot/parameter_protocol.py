@@ -1,7 +1,5 @@
 """The parameter protocol, as the vehicle. A name that it does not know is not answered."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from auv_lse_mavlink.messages.wire import Message, mavlink

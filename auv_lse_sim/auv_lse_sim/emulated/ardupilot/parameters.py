@@ -3,8 +3,6 @@
 The autopilot uses the names of 4.5. Firmware 4.8 has other names, and other units, for some of them (`RENAMED`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

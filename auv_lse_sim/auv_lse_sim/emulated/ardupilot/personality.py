@@ -1,7 +1,5 @@
 """What differs between ArduSub and ArduRover on the wire: type, flight modes, base modes, texts, time limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from auv_lse_mavlink.messages.wire import Message, mavlink

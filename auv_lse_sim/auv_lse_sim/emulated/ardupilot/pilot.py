@@ -1,7 +1,5 @@
 """Runs the guidance of an autopilot along with the simulated vehicle: orders take effect when they were given."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """How a simulated ArduPilot is installed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

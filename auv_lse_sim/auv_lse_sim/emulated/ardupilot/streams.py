@@ -1,7 +1,5 @@
 """The messages that ArduPilot streams, in groups whose rates are parameters (SR0_...)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
