@@ -75,33 +75,31 @@ def judged(
 
 def _alone(name: str, facts: Mapping[str, Any], laptop: str) -> list[tuple[str, str]]:
     """Problems of one vehicle by itself."""
-    found = []
-    mission = facts.get("mission", {})
-    if facts["problem"]:
-        found.append(("error", facts["problem"]))
+    mission, errors = facts.get("mission", {}), []
     least_mb = float(mission.get("least_free_mb") or _LEAST_FREE_MB)
-    if not facts["problem"] and facts["free_mb"] < least_mb:
-        found.append(("error", f"its disk has {facts['free_mb']:.0f} MB left, less than {least_mb:.0f} MB. "
-                      "Fetch its recordings and remove them: auv_lse fleet FILE fetch --delete"))  # fmt: skip
-    if not facts["has_ros"]:
-        found.append(("error", "ROS 2 is not found by a login without a terminal. Set 'command' in the fleet file."))
-    if mission.get("error"):
-        found.append(("error", f"its mission file is refused: {mission['error']}"))
-    for parameter, digest in mission.get("hashes", {}).items():
-        if not digest:
-            found.append(("error", f"the file of {parameter} is missing there. Send it with the mission: "
-                          "auv_lse fleet FILE send MISSION.yaml"))  # fmt: skip
-    if facts["domain_in_use"]:
-        found.append(
-            ("error", "its ROS domain is used by other nodes there. End them, or set 'domain' in the fleet file.")
+    if facts["problem"]:
+        errors.append(facts["problem"])
+    elif facts["free_mb"] < least_mb:
+        errors.append(
+            f"its disk has {facts['free_mb']:.0f} MB left, less than {least_mb:.0f} MB. Fetch its recordings and "
+            "remove them: auv_lse fleet FILE fetch --delete"
         )
+    if not facts["has_ros"]:
+        errors.append("ROS 2 is not found by a login without a terminal. Set 'command' in the fleet file.")
+    if mission.get("error"):
+        errors.append(f"its mission file is refused: {mission['error']}")
+    send = "Send it with the mission: auv_lse fleet FILE send MISSION.yaml"
+    missing = [parameter for parameter, digest in mission.get("hashes", {}).items() if not digest]
+    errors += [f"the file of {parameter} is missing there. {send}" for parameter in missing]
+    if facts["domain_in_use"]:
+        errors.append("its ROS domain is used by other nodes there. End them, or set 'domain' in the fleet file.")
+    found = [("error", text) for text in errors]
     by = facts.get("controller") or {}
     if by and laptop and by["laptop"] != laptop:
         found.append(("warning", f"{by['name']} commands it since {by['at']}. To command it from here: --take-over"))
     found += [(f["level"], f"{f['part']}: {f['text']}") for f in facts.get("findings", ())]
-    return found + (
-        running_problems(facts.get("state", {}), float(mission.get("min_battery") or 0.0)) if facts["running"] else []
-    )
+    least_battery = float(mission.get("min_battery") or 0.0)
+    return found + (running_problems(facts.get("state", {}), least_battery) if facts["running"] else [])
 
 
 def running_problems(state: Mapping[str, Any], least_battery: float) -> list[tuple[str, str]]:
@@ -111,35 +109,22 @@ def running_problems(state: Mapping[str, Any], least_battery: float) -> list[tup
         state: The vehicle's state, as `auv_lse_run/remote/mission_link.py` has it.
         least_battery: Charge (0 to 1) at which the mission surfaces; 0: unknown.
     """
-    found = []
     mission, position, autopilot = (state.get(name) or {} for name in ("mission", "position", "autopilot"))
+    errors = []
     if not mission:
-        found.append(
-            (
-                "error",
-                "its nodes run, but safety_node reports no state. Look into the logs of its dive, or: stop, start",
-            )
-        )
+        errors.append("its nodes run, but safety_node reports no state. Look into the logs, or: stop, start")
     if not position or (position.get("age_s") or 0.0) > _OLD_S:
-        found.append(
-            (
-                "error",
-                "it has no position (no odometry). Wait for a GPS fix at the surface; check the autopilot's link.",
-            )
-        )
+        errors.append("it has no position (no odometry). Wait for GPS at the surface; check the autopilot's link.")
     if autopilot and not autopilot["heard"]:
-        found.append(("error", "its autopilot is silent. Check link.endpoint and the autopilot's power."))
+        errors.append("its autopilot is silent. Check link.endpoint and the autopilot's power.")
+    errors += [f"a limit has tripped: {text}. Remove the cause, then: reset" for text in mission.get("limits", ())]
+    found = [("error", text) for text in errors]
     battery = autopilot.get("battery")
     if battery is not None and battery < least_battery + 0.1:
         level, least = "error" if battery < least_battery else "warning", f"{100 * least_battery:.0f} %"
-        found.append(
-            (level, f"its battery has {100 * battery:.0f} % left; the mission surfaces at {least}. Charge it.")
-        )
-    found += [
-        ("error", f"a limit has tripped: {text}. Remove the cause, then: reset") for text in mission.get("limits", ())
-    ]
-    found += [("warning", text) for text in mission.get("warnings", ())]
-    return found + [("warning", text) for text in ill_health(state)]
+        text = f"its battery has {100 * battery:.0f} % left; the mission surfaces at {least}. Charge it."
+        found.append((level, text))
+    return found + [("warning", text) for text in (*mission.get("warnings", ()), *ill_health(state))]
 
 
 def ill_health(state: Mapping[str, Any]) -> list[str]:
@@ -149,19 +134,14 @@ def ill_health(state: Mapping[str, Any]) -> list[str]:
 
 
 def _versions(there: Mapping[str, Mapping[str, Any]], version: str) -> list[Problem]:
-    found = [
-        Problem(
-            name, "error", f"it has version {facts['version']} of auv_lse, the laptop {version}. Install one on all."
-        )
-        for name, facts in there.items()
-        if facts["version"] != version
-    ]
+    other = {name: facts["version"] for name, facts in there.items() if facts["version"] != version}
+    text = "it has version {} of auv_lse, the laptop {}. Install one on all."
+    found = [Problem(name, "error", text.format(own, version)) for name, own in other.items()]
     commits = {name: facts["commit"] for name, facts in there.items() if facts["version"] == version}
     if len({commit for commit in commits.values() if commit}) > 1:
         listed = ", ".join(f"{name} {commit}" for name, commit in commits.items() if commit)
-        found.append(
-            Problem("fleet", "warning", f"the checkouts are at different commits: {listed}. Install one on all.")
-        )
+        text = f"the checkouts are at different commits: {listed}. Install one on all."
+        found.append(Problem("fleet", "warning", text))
     return found
 
 
@@ -173,9 +153,8 @@ def _files(there: Mapping[str, Mapping[str, Any]], sent: Mapping[str, str]) -> l
     other = "the one that this laptop sent" if sent.get("mission.yaml") else "the others'"
     for name, digest in hashes.items():
         if not digest:
-            found.append(
-                Problem(name, "error", "it has no mission file. Send one: auv_lse fleet FILE send MISSION.yaml")
-            )
+            text = "it has no mission file. Send one: auv_lse fleet FILE send MISSION.yaml"
+            found.append(Problem(name, "error", text))
         elif digest != wanted:
             text = f"its mission file ({digest[:8]}) differs from {other} ({wanted[:8]}). Send it again."
             found.append(Problem(name, "error", text))
@@ -196,16 +175,9 @@ def _identities(there: Mapping[str, Mapping[str, Any]]) -> list[Problem]:
         if facts.get("identity"):
             by.setdefault(facts["identity"], []).append(name)
     found = []
-    for names in by.values():
-        found += [
-            Problem(
-                name,
-                "error",
-                f"{' and '.join(names)} are one folder on one computer. Correct 'host' in the fleet file.",
-            )
-            for name in names
-            if len(names) > 1
-        ]
+    for names in (names for names in by.values() if len(names) > 1):
+        text = f"{' and '.join(names)} are one folder on one computer. Correct 'host' in the fleet file."
+        found += [Problem(name, "error", text) for name in names]
     for name, facts in there.items():
         if (owner := facts.get("owner")) and owner != name:
             text = (

@@ -76,7 +76,7 @@ class RemoteSession:
         if size := int(answer.get("bytes", 0)):
             answer["data"] = self._stream.block(size, wait_s)
             if len(answer["data"]) < size:
-                raise LinkError(self._why("the link was lost"))
+                raise LinkError(self._why())
         return answer
 
     def bytes_of(self, path: str, offset: int, wait_s: float) -> Iterator[bytes]:
@@ -93,7 +93,7 @@ class RemoteSession:
         while left:
             block = self._stream.block(min(left, 1 << 18), wait_s)
             if not block:
-                raise LinkError(self._why("the link was lost"))
+                raise LinkError(self._why())
             left -= len(block)
             yield block
 
@@ -108,7 +108,7 @@ class RemoteSession:
         try:
             self._stream.send(data)
         except OSError as error:
-            raise LinkError(self._why("the link was lost")) from error
+            raise LinkError(self._why()) from error
 
     def _message(self, wait_s: float) -> dict[str, Any]:
         try:
@@ -127,11 +127,12 @@ class RemoteSession:
             raise failure(self._vehicle, code, _text(self._errors))
         return line
 
-    def _why(self, otherwise: str) -> str:
+    def _why(self) -> str:
+        """The last words of ssh."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
         lines = _text(self._errors).strip().splitlines()
-        return lines[-1] if lines else otherwise
+        return lines[-1] if lines else "the link was lost"
 
 
 def ssh_command(vehicle: RemoteVehicle, ssh_config: Path | None) -> list[str]:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ from auv_lse_shore.mission.options import settings_given
 from auv_lse_shore.replay.inputs import RecordedInputs, read_inputs
 from auv_lse_shore.replay.recompute_decisions import DecisionStep, recompute_decisions
 from auv_lse_shore.replay.recompute_map import MapStep, recompute_map
-from auv_lse_shore.report.progress import can_rewrite
+from auv_lse_shore.report.progress import show_step
 
 #: Rows of a table that are shown without --all.
 SHOWN = 20
@@ -73,8 +72,7 @@ def _computed(part: str, inputs: RecordedInputs, settings: Settings, tolerance: 
             rows += recompute_map(vehicle, own, settings.positions_in_force(number), inputs.lockstep, tolerance, show)
         else:
             rows += recompute_decisions(vehicle, settings, inputs.lockstep, tolerance, show)
-    if can_rewrite(sys.stderr):
-        print(end="\x1b[K", file=sys.stderr, flush=True)
+    show_step("")
     return rows
 
 
@@ -85,9 +83,9 @@ def _progress(what: str, before: int, of: int) -> Callable[[float], None]:
     def show(share: float) -> None:
         nonlocal shown
         percent = int(100.0 * (before + share) / of)
-        if percent != shown and can_rewrite(sys.stderr):
+        if percent != shown:
             shown = percent
-            print(f"{what}: {percent} %", end="\x1b[K\r", file=sys.stderr, flush=True)
+            show_step(f"{what}: {percent} %")
 
     return show
 
