@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
-from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.plurals import counted, listed
+from auv_lse_common.support.text import decoded
 from auv_lse_gp.length_units import is_unit_name, stated_units, unit_column
 from auv_lse_gp.no_data import fill_values, is_no_data
 
@@ -91,9 +92,8 @@ class SoundingsTable:
     @property
     def unused_note(self) -> str:
         """The columns that are not read, in words; "" without any."""
-        more = f" and {len(self.unused) - _MOST_LISTED} more" if len(self.unused) > _MOST_LISTED else ""
-        names = ", ".join(name[:40] for name in self.unused[:_MOST_LISTED])
-        return f"columns not used: {names}{more}" if names else ""
+        names = listed([name[:40] for name in self.unused], _MOST_LISTED)
+        return f"columns not used: {names}" if names else ""
 
 
 def read_table(path: Path) -> SoundingsTable:
@@ -105,16 +105,7 @@ def read_table(path: Path) -> SoundingsTable:
     """
     if too_large := over_size(path, MAX_TEXT_BYTES):
         raise SoundingsError(f"{too_large}. Thin the soundings out, or grid them (.npz, .asc, .tif)")
-    data = path.read_bytes()
-    try:
-        return _parse_table(path, data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        # Harmless in a comment; reported only if the table cannot be read.
-        byte = f"byte {error.start} (0x{data[error.start]:02x}) is not UTF-8 text"
-    try:
-        return _parse_table(path, data.decode("utf-8-sig", errors="replace"))
-    except SoundingsError as error:
-        raise SoundingsError(f"{error}; {byte}") from error
+    return _parse_table(path, decoded(path.read_bytes()))
 
 
 def _parse_table(path: Path, text: str) -> SoundingsTable:

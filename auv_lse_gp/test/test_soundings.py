@@ -83,13 +83,27 @@ def test_files_other_than_npz_are_named(tmp_path, data):
         read_soundings(path)
 
 
-def test_non_utf8_byte_is_named_if_the_table_cannot_be_read(tmp_path):
+def test_letters_of_windows_are_read_and_shown(tmp_path):
     path = tmp_path / "bad.csv"
     path.write_bytes("north_m,east_m,depth_m\n1,2,3 # Tiefe gemäß Lot\n".encode("latin-1"))
-    with pytest.raises(SoundingsError, match=r"bad\.csv:2: depth_m is .*; byte 40 \(0xe4\) is not UTF-8 text"):
+    with pytest.raises(SoundingsError, match=r"bad\.csv:2: depth_m is '3 # Tiefe gemäß Lot'"):
         read_soundings(path)
     path.write_bytes("# gemäß Lot\nnorth_m,east_m,depth_m\n1,2,3\n".encode("latin-1"))
     assert read_soundings(path).tolist() == [[1.0, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+def test_tables_are_read_in_the_encodings_of_spreadsheets(tmp_path, encoding):
+    path = tmp_path / "soundings.csv"
+    path.write_bytes("# gemäß Lot\nnorth_m,east_m,depth_m\n1,2,3\n4,5,6\n".encode(encoding))
+    assert read_soundings(path).tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+
+
+def test_zeros_of_a_damaged_disk_are_no_digits_left_out(tmp_path):
+    path = tmp_path / "soundings.csv"
+    path.write_bytes(b"north_m,east_m,depth_m\n1,2,1\0\0\n")
+    with pytest.raises(SoundingsError, match=r"soundings\.csv:2: depth_m is"):
+        read_soundings(path)
 
 
 def test_grid_survey(tmp_path):

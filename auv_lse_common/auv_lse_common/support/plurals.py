@@ -1,9 +1,16 @@
-"""Counts and sizes in sentences: "1 vehicle", "3 vehicles", "40 m2", "1.2 ha"."""
+"""Counts, lists and sizes in sentences: "1 vehicle", "3 vehicles", "a, b and 3 more", "40 m2", "1.2 ha"."""
+
+from collections.abc import Sequence
 
 
 def counted(count: int, what: str) -> str:
     """A count with its noun, whose plural ends in s."""
     return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Names with commas: at most so many, and the number of the others."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def area_size(area_m2: float) -> str:

@@ -6,7 +6,8 @@ from pathlib import Path
 from auv_lse_common.mission_file.degrees import AreaContent
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.input_bounds import over_size
-from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.plurals import counted, listed
+from auv_lse_common.support.text import decoded
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature
 from auv_lse_shore.areas.gdal_layers import gdal_features, zipped_features
@@ -79,7 +80,7 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
         return kmz_features(data, where) if is_kmz(data) else zipped_features(data, where)
     if any(data.startswith(magic) for magic in _GDAL):
         return gdal_features(path, where)
-    text = _text(data)
+    text = decoded(data)
     begin = text.lstrip()[:1]
     if begin == "<":
         root = read_xml(data, where)
@@ -100,16 +101,6 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
     raise ParameterError(f"{where} {what}. Save the area as {KINDS}")
 
 
-def _text(data: bytes) -> str:
-    """A file's text: UTF-8, UTF-16 with its mark, else Windows' letters."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16", errors="replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
-
-
 def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
     """Sentences about what a mission of so many vehicles uses and ignores of a file."""
     used = [f"the area {content.area_name!r}" if content.area_name else "the area"] if content.area is not None else []
@@ -125,7 +116,5 @@ def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
     if beyond := [text for number, text in own if number > vehicles]:
         notes.append(f"{path.name}: ignored {', '.join(beyond)}: the mission has {counted(vehicles, 'vehicle')}")
     if content.ignored:
-        names = [repr(name) for name in content.ignored[:_MAX_LISTED]]
-        more = f" and {len(content.ignored) - _MAX_LISTED} more" if len(content.ignored) > _MAX_LISTED else ""
-        notes.append(f"{path.name}: ignored {', '.join(names)}{more}")
+        notes.append(f"{path.name}: ignored {listed([repr(name) for name in content.ignored], _MAX_LISTED)}")
     return notes

@@ -11,8 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
+from auv_lse_common.support.text import text_of
 from auv_lse_common.support.user_error import brief
-from auv_lse_shore.survey_import.parsing.text import text_of
 from auv_lse_shore.survey_import.survey_log import LogError, Progress
 
 #: Bytes of a file by which its format is recognized.

@@ -9,6 +9,7 @@ import numpy as np
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.text import decoded
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.raster_ground import raster_ground
@@ -28,23 +29,22 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
     lines: list[int] = []
     if too_large := over_size(path, MAX_TEXT_BYTES):
         raise GroundError(f"{too_large}. Cut the grid, or make it coarser")
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            fields = line.split()
-            if not fields:
-                continue
-            if fields[0][0].isalpha() and fields[0].lower() != "nan" and not lines:
-                _read_header_line(fields, header, f"{path}:{number}: {line.strip()[:80]!r}")
-                check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
-                continue
-            try:
-                row = [float(f.replace(",", ".")) for f in fields]
-            except ValueError:
-                bad = next(f for f in fields if not _is_number(f.replace(",", ".")))
-                raise GroundError(f"{path}:{number}: {bad[:40]!r} is not a number.") from None
-            values.extend(row)
-            counts.append(len(row))
-            lines.append(number)
+    for number, line in enumerate(decoded(path.read_bytes()).splitlines(), 1):
+        fields = line.split()
+        if not fields:
+            continue
+        if fields[0][0].isalpha() and fields[0].lower() != "nan" and not lines:
+            _read_header_line(fields, header, f"{path}:{number}: {line.strip()[:80]!r}")
+            check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
+            continue
+        try:
+            row = [float(f.replace(",", ".")) for f in fields]
+        except ValueError:
+            bad = next(f for f in fields if not _is_number(f.replace(",", ".")))
+            raise GroundError(f"{path}:{number}: {bad[:40]!r} is not a number.") from None
+        values.extend(row)
+        counts.append(len(row))
+        lines.append(number)
     x_name, y_name = (
         f"{axis}ll{'center' if f'{axis}llcenter' in header and f'{axis}llcorner' not in header else 'corner'}"
         for axis in "xy"

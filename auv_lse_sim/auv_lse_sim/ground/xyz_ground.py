@@ -6,6 +6,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
+from auv_lse_common.support.text import decoded
 from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 from auv_lse_gp.no_data import is_no_data
 from auv_lse_gp.soundings import is_far
@@ -16,6 +17,9 @@ from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near
 from auv_lse_sim.ground.soundings_ground import check_together, grid_soundings
 
+#: Bytes among which the first line of values is sought.
+_BEGIN_BYTES = 1 << 16
+
 
 def is_xyz(path: Path) -> bool:
     """Whether a text begins with a line of three numbers instead of a header.
@@ -23,8 +27,9 @@ def is_xyz(path: Path) -> bool:
     Raises:
         OSError: if it cannot be read.
     """
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        first = next((line for line in file if line.strip() and not line.lstrip().startswith("#")), "")
+    with path.open("rb") as file:
+        begin = decoded(file.read(_BEGIN_BYTES)).splitlines()
+    first = next((line for line in begin if line.strip() and not line.lstrip().startswith("#")), "")
     return _row(first) is not None
 
 
@@ -40,17 +45,16 @@ def read_xyz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, f
         raise GroundError(f"{too_large}. Cut the grid, or make it coarser")
     values: list[tuple[float, float, float]] = []
     lines: list[int] = []
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            if not line.strip() or line.lstrip().startswith("#"):
-                continue
-            row = _row(line)
-            if row is None:
-                raise GroundError(f"{path}:{number}: {line.strip()[:60]!r}; write three numbers: x, y and the depth")
-            if len(values) == MAX_SOUNDINGS:
-                raise GroundError(f"{path} has more than {MAX_SOUNDINGS:,} points. Thin them out, or grid them (.tif)")
-            values.append(row)
-            lines.append(number)
+    for number, line in enumerate(decoded(path.read_bytes()).splitlines(), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        row = _row(line)
+        if row is None:
+            raise GroundError(f"{path}:{number}: {line.strip()[:60]!r}; write three numbers: x, y and the depth")
+        if len(values) == MAX_SOUNDINGS:
+            raise GroundError(f"{path} has more than {MAX_SOUNDINGS:,} points. Thin them out, or grid them (.tif)")
+        values.append(row)
+        lines.append(number)
     x, y, z = np.array(values).T
     unknown = ~np.isfinite(z) | is_no_data(z)
     depth, notes = grid_depths(z[~unknown], path, "the third column", text_says_up(path.stem), config)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, ascii_text, soundings, survey, write_survey
 
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_sim.ground.grid_ground import GridGround
@@ -168,3 +169,17 @@ def test_files_that_another_program_converts_name_the_way(tmp_path, name, begin,
     (tmp_path / name).write_bytes(begin + bytes(20))
     with pytest.raises(GroundError, match=match):
         load_ground(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["g.csv", "g.xyz", "g.asc"])
+def test_text_is_read_in_the_encodings_of_other_programs(tmp_path, name):
+    text = {
+        "g.csv": GOOD,
+        "g.xyz": "\n".join(GOOD.replace(",", " ").splitlines()[1:]),
+        "g.asc": ascii_text(np.full((4, 5), 12.5), 0.0, 0.0, 10.0),
+    }[name]
+    grounds = []
+    for encoding in ("utf-8", "utf-16", "utf-16-le"):
+        (tmp_path / name).write_bytes(text.encode(encoding))
+        grounds.append(load_ground(tmp_path / name, BathymetryConfig(depth_sign="down")).describe())
+    assert grounds == grounds[:1] * 3

@@ -1,9 +1,9 @@
 """NMEA 0183 from plotters, multiplexers and GPS receivers: GGA, RMC, GLL or GNS with DPT, DBT, DBS or DBK."""
 
+from auv_lse_common.support.text import encoding_of, text_of
 from auv_lse_shore.survey_import.log_content import LogContent
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.sentences import ANY_SENTENCE, SentenceReader
-from auv_lse_shore.survey_import.parsing.text import encoding_of, text_of
 
 #: Bytes that are read at once, and how far a piece reaches into the next one to end with a line.
 _PIECE = 8_000_000

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.plurals import listed
+from auv_lse_common.support.text import is_text
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
@@ -19,7 +21,6 @@ from auv_lse_shore.survey_import.parsing.columns import (
     with_all_names,
 )
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
-from auv_lse_shore.survey_import.parsing.text import is_text
 from auv_lse_shore.survey_import.survey_log import LogError
 
 #: The most columns that are listed as not used.
@@ -82,8 +83,7 @@ def _contents(
     shared = LogContent(file.path.name)
     rows = tv.rows_of(table, options, shared)
     if not options.columns and (unused := unused_columns(dialect.header, columns, table.dated_by)):
-        more = f" and {len(unused) - _MOST_LISTED} more" if len(unused) > _MOST_LISTED else ""
-        shared.notes.append(f"columns not used: {', '.join(name[:40] for name in unused[:_MOST_LISTED])}{more}")
+        shared.notes.append(f"columns not used: {listed([name[:40] for name in unused], _MOST_LISTED)}")
     contents = []
     for name, mask in vehicles_of(table):
         own = rows.of(mask)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array, Mask
+from auv_lse_common.support.text import text_of
 from auv_lse_gp.length_units import factor_of, is_unstated, stated_m, stated_units, unit_column
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
@@ -21,7 +22,6 @@ from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Table, depth_role, first_of
 from auv_lse_shore.survey_import.parsing.dialect import first_unclear, numbers_of
 from auv_lse_shore.survey_import.parsing.table_times import times_of
-from auv_lse_shore.survey_import.parsing.text import text_of
 from auv_lse_shore.survey_import.parsing.times import months
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 

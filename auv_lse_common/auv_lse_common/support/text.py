@@ -1,4 +1,4 @@
-"""Decodes text of unknown encoding."""
+"""Decodes the text of users' files: tables, grids, areas and logs, in whatever encoding other programs write."""
 
 import codecs
 
@@ -26,16 +26,18 @@ def encoding_of(data: bytes) -> str:
     return "utf-8"
 
 
-def text_of(data: bytes) -> str:
-    """Text from bytes: by mark, as UTF-8, or as Windows-1252; zeros in between are dropped."""
+def decoded(data: bytes) -> str:
+    """Text from bytes: by mark, as UTF-8, or as Windows-1252."""
     encoding = encoding_of(data)
-    if encoding == "utf-8":
-        data = data.replace(b"\0", b"")
-        try:
-            return data.decode()
-        except UnicodeDecodeError:
-            return data.decode("cp1252", errors="replace")
-    return data.decode(encoding, errors="replace").replace("\0", "")
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError:
+        return data.decode("cp1252" if encoding == "utf-8" else encoding, errors="replace")
+
+
+def text_of(data: bytes) -> str:
+    """As `decoded`, without the zeros that loggers leave between their lines."""
+    return decoded(data).replace("\0", "")
 
 
 def is_text(head: bytes) -> bool:
