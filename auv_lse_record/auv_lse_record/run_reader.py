@@ -21,14 +21,7 @@ from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLAN
 from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError, recording_in
-from auv_lse_record.run_data import (
-    DecisionRecord,
-    GroundGrid,
-    PacketReceived,
-    RunData,
-    VehicleRun,
-    origin_of,
-)
+from auv_lse_record.run_data import DecisionRecord, GroundGrid, PacketReceived, RunData, VehicleRun, origin_of
 
 Patterns = dict[str, dict[str, Any]]
 

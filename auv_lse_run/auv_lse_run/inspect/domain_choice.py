@@ -12,14 +12,7 @@ from typing import Any
 from auv_lse_common.support.confinement import confine
 from auv_lse_common.support.option_types import positive
 from auv_lse_run.inspect.message_text import FieldError
-from auv_lse_run.process.domain import (
-    DomainError,
-    busy_domains,
-    check_own,
-    domain_number,
-    run_on,
-    user_of,
-)
+from auv_lse_run.process.domain import DomainError, busy_domains, check_own, domain_number, run_on, user_of
 
 
 def add_graph_options(p: argparse.ArgumentParser) -> None:

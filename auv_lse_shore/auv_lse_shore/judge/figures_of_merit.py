@@ -28,13 +28,7 @@ from auv_lse_record.run_data import GroundGrid, RunData
 from auv_lse_shore.judge import isobath
 from auv_lse_shore.judge.reliability import Reliability
 from auv_lse_shore.judge.reward import Curves
-from auv_lse_shore.judge.tracks import (
-    least_separation,
-    navigation_error,
-    path_length_m,
-    time_outside,
-    true_positions,
-)
+from auv_lse_shore.judge.tracks import least_separation, navigation_error, path_length_m, time_outside, true_positions
 from auv_lse_shore.judge.verdict import judge
 
 #: A location with at least this probability counts as surely on one side of the level.

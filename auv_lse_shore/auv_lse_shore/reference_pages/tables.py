@@ -8,15 +8,7 @@ from typing import Any
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS, VEHICLE_SECTIONS
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_common.topics.table import (
-    MISSION_TOPICS,
-    PHASES,
-    TRUTH_TOPIC,
-    VEHICLE_TOPICS,
-    Topic,
-    announces,
-    waits_for,
-)
+from auv_lse_common.topics.table import MISSION_TOPICS, PHASES, TRUTH_TOPIC, VEHICLE_TOPICS, Topic, announces, waits_for
 from auv_lse_common.vocabulary.mission_run import TRANSITIONS, Command, RunState
 from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS

@@ -9,16 +9,7 @@ from auv_lse_common.support.plurals import area_size, counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_common.vocabulary.health import BATTERY_LASTS
 from auv_lse_gp.covariance.prior_mean import excluded_level
-from auv_lse_gp.map.certainty import (
-    FLAT,
-    FOUND,
-    GUESSED,
-    LIKELY,
-    NOT_VISITED,
-    POSITIONS_UNCERTAIN,
-    VISITED_M,
-    Piece,
-)
+from auv_lse_gp.map.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, POSITIONS_UNCERTAIN, VISITED_M, Piece
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.vehicle.until import plans_to_horizon
 from auv_lse_record.run_data import RunData

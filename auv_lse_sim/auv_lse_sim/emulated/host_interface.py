@@ -5,12 +5,7 @@ from collections import Counter
 
 from auv_lse_comms.micromodem.sentences.fields import clock_time, read_iso_time
 from auv_lse_comms.micromodem.sentences.layout import Message
-from auv_lse_comms.micromodem.sentences.status_messages import (
-    ClockSet,
-    ClockTime,
-    ErrorReport,
-    Setting,
-)
+from auv_lse_comms.micromodem.sentences.status_messages import ClockSet, ClockTime, ErrorReport, Setting
 from auv_lse_comms.micromodem.sentences.wire import Sentence
 
 #: Settings that the emulator knows, with their factory values.

@@ -35,14 +35,7 @@ from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.safety import Safety
 from auv_lse_planner.vehicle.intake import PlannerIntake
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
-from auv_lse_record.run_data import (
-    DecisionRecord,
-    GroundGrid,
-    PacketReceived,
-    RunData,
-    VehicleRun,
-    origin_of,
-)
+from auv_lse_record.run_data import DecisionRecord, GroundGrid, PacketReceived, RunData, VehicleRun, origin_of
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.world import VehicleOutput, World
 

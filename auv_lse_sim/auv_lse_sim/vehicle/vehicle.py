@@ -17,26 +17,9 @@ from auv_lse_sim.vehicle import motion_model as mm
 from auv_lse_sim.vehicle.echo_sounder import EchoSounder
 from auv_lse_sim.vehicle.kept_altitude import KeptAltitude
 from auv_lse_sim.vehicle.motion_parameters import DEG, initial_model, speed_share
-from auv_lse_sim.vehicle.navigation import (
-    DVL_SCALE,
-    EAST,
-    HEADING,
-    NORTH,
-    SURGE,
-    SWAY,
-    wrap,
-)
+from auv_lse_sim.vehicle.navigation import DVL_SCALE, EAST, HEADING, NORTH, SURGE, SWAY, wrap
 from auv_lse_sim.vehicle.piloted import Pilot, advance_piloted
-from auv_lse_sim.vehicle.records import (
-    LEG,
-    NORMALS,
-    RESULT,
-    UNIFORMS,
-    Draws,
-    as_records,
-    columns,
-    new_record,
-)
+from auv_lse_sim.vehicle.records import LEG, NORMALS, RESULT, UNIFORMS, Draws, as_records, columns, new_record
 from auv_lse_sim.vehicle.target_leg import leg_to
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
 
