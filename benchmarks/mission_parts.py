@@ -91,11 +91,7 @@ def _help_s() -> float:
 
 
 def parts_s(*arguments: str) -> dict[str, float]:
-    """Flies a mission and returns the processor time (s) of each of `PARTS`, of the whole team.
-
-    Args:
-        arguments: Those of `auv_lse mission`.
-    """
+    """Flies a mission and returns the processor time (s) of each of `PARTS`, of the whole team."""
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         flight = fly(folder, *arguments)

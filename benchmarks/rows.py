@@ -20,7 +20,6 @@ def row(
     """One measured figure.
 
     Args:
-        name: Name of the measurement.
         value: The figure; None if it could not be measured.
         against: The alternative that it is compared with.
         ratio: How many times better than the alternative.

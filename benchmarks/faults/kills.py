@@ -53,7 +53,6 @@ class Kill:
     """A node that was killed.
 
     Attributes:
-        node: Its name.
         when_s: When (s since 1970).
         back_s: Time (s) until it was ready again; NaN if it never was.
         lost: State that it lost, or "".
@@ -174,7 +173,6 @@ def vehicles_apart(
 
     Args:
         folder: The output folder; must not exist.
-        steps: Steps of the mission.
         arguments: Further ones of `auv_lse sim`.
         before: Called with each vehicle's number before it is started.
 
@@ -222,10 +220,7 @@ def fly(
 
     Args:
         folder: The output folder; must not exist.
-        steps: Steps of the mission.
         kills: From the time of travel (s), the kills: time after the vehicles are under way (s), vehicle, node.
-        more: Further parameters.
-        say: Prints a line of progress.
 
     Raises:
         RuntimeError: if the simulator does not run, or nodes do not start.

@@ -124,7 +124,6 @@ def fly(folder: Path, vehicles: int, say: Say) -> dict[str, float]:
 
     Args:
         folder: For everything that it leaves; must not exist.
-        say: Prints a line of progress.
 
     Raises:
         DiveError: naming the step that failed.

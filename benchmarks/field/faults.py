@@ -37,7 +37,6 @@ class Team:
 
         Args:
             folder: For the laptop's files.
-            field: The laptop.
             port: Of the sshd that answers for all vehicles.
         """
         self.field = field

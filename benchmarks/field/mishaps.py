@@ -54,8 +54,6 @@ class Mishaps(_Beside):
         """Nothing happens yet.
 
         Args:
-            field: The laptop.
-            radio: The links.
             there: Namespace and computer of auv1, auv2, ...
             outage_s: Length of an outage (s).
             seed: Chooses vehicles and moments.

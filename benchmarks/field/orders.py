@@ -38,10 +38,8 @@ class Operator:
         """Gives nothing yet.
 
         Args:
-            fleet: The vehicles.
             count: Number of orders, shared among them.
             seed: Chooses the orders.
-            say: Prints a line of progress.
             dies: Share of the orders whose laptop dies in the middle of the command.
         """
         self._dies = dies
@@ -101,11 +99,8 @@ def fetched(
     """Fetches a recording of a vehicle, with an interruption after each quarter.
 
     Args:
-        file: The fleet file.
-        computer: The vehicle's computer.
         size_mb: Size of the recording.
         seed: Of its content.
-        out: The laptop's folder.
         interrupt: Makes the interruption 0, 1 or 2; returns when it is over.
 
     Returns:

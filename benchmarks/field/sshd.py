@@ -69,19 +69,13 @@ def side_command(side: str = "auv_lse_run") -> str:
 
 
 class Computer:
-    """The computer of one vehicle.
-
-    Attributes:
-        port: Port of its sshd.
-        folder: The vehicle's folder.
-    """
+    """The computer of one vehicle."""
 
     def __init__(self, port: int, folder: Path, command: list[str], log: Path) -> None:
         """Starts nothing yet.
 
         Args:
             port: Port of its sshd.
-            folder: The vehicle's folder.
             command: What runs its sshd.
             log: What that prints.
         """
@@ -175,7 +169,6 @@ class Field:
 
         Args:
             vehicles: Keys of each vehicle (port, folder, command, ...) by name.
-            name: Name of the file.
         """
         path = self.folder / name
         entries = {

@@ -182,8 +182,6 @@ class DiveBed:
             after_reboot: As `safety.after_reboot`.
             steps: Legs of the mission; the area has room for those of all vehicles.
             speed_mps: Speed of the vehicles.
-            method: Planning method.
-            more: Further sections of the mission file.
             runs: Folder of the vehicles' run folders; None: beside the mission file.
 
         Raises:

@@ -50,7 +50,6 @@ def mission(
     Args:
         planner: Name of a method or rival, of an entry point, or a Python file.
         parameters: Of the mission file, for the ground.
-        vehicles: Size of the team.
         seed: Of all random draws of the mission; that of made-up ground is one of its parameters.
         steps: Legs of each vehicle.
         python: That of the environment of sgptools; None: its planners cannot be flown.
