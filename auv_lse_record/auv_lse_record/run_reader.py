@@ -25,7 +25,6 @@ from auv_lse_record.run_data import DecisionRecord, GroundGrid, PacketReceived, 
 
 Patterns = dict[str, dict[str, Any]]
 
-#: Topics of the run data, by their name in the table.
 _TOPICS = {
     "truth/odometry",
     "sounding",

@@ -54,7 +54,6 @@ class MethodEntry:
     risk_integral: str = "exact"
 
 
-#: Families by name.
 FAMILIES: dict[str, Family] = {
     "tour": Family(
         bound_of="map", to_the_end=True, all_mates=True, positions_per_leg=MAP_LOCATIONS_PER_LEG, sends_tours=True

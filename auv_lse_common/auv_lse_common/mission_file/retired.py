@@ -7,7 +7,6 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-#: Parameters of earlier versions.
 RETIRED = (
     "gp.local",
     "gp.outlier_sigmas",

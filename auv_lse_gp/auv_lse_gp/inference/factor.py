@@ -14,7 +14,6 @@ from auv_lse_common.support import compiled
 from auv_lse_common.support.arrays import Array
 from auv_lse_gp.compiled.modules import compiled_gp
 
-#: Number of rows of a block.
 BLOCK = 128
 
 

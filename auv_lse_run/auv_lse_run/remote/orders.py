@@ -23,7 +23,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-#: The orders.
 VERBS = ("start", "go", "hold", "surface", "abort", "reset", "stop")
 #: Orders that make a vehicle safer. They are executed even if they cannot be recorded.
 ALWAYS = frozenset({"hold", "surface", "abort", "stop"})

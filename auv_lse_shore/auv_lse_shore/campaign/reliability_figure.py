@@ -13,7 +13,6 @@ from auv_lse_shore.judge.quantity_names import P_DEEP
 from auv_lse_shore.judge.reliability import EDGES, Reliability
 from auv_lse_shore.report.figures import COLORS, WIDTH_IN, add_grid, new_figure, styled
 
-#: Number of settings that one diagram shows.
 MAX_SETTINGS = 8
 #: Resamples of the bootstrap over missions. Locations of one lake are alike, so missions are resampled, not locations.
 RESAMPLES = 400

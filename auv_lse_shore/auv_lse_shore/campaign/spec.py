@@ -30,7 +30,6 @@ from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.mission.options import check_vehicles
 
-#: Keys of a campaign file.
 KEYS = ("name", "mission", "set", "grid", "list", "seeds")
 #: A name for a folder: no path, not hidden, printable; and its largest length (bytes).
 _NAME = re.compile(r"[^\W.][^/\x00-\x1f\x7f]*")

@@ -25,7 +25,6 @@ from auv_lse_common.mission_file.sections.vehicle import with_depth
 from auv_lse_common.mission_file.settings import Patterns, Settings, beyond_team, check_pattern
 from auv_lse_shore.check.findings import Findings
 
-#: Largest number of vehicles of a mission.
 _MOST_VEHICLES: int = {f.name: f for f in dataclasses.fields(MissionConfig)}["vehicles"].metadata["high"]
 
 #: The names at the beginning of an error: "ping and synchronous", "north_m, east_m".

@@ -16,7 +16,6 @@ from auv_lse_common.support.arrays import Array
 
 #: Limits of the classes of probability; each includes its lower limit, the last one both.
 EDGES = (0.0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
-#: Number of classes.
 CLASSES = len(EDGES) - 1
 
 

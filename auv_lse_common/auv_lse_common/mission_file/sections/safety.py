@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from auv_lse_common.mission_file.parameters import parameter
 from auv_lse_common.vocabulary.mission_run import STOPS
 
-#: Responses to an exceeded limit.
 RESPONSES = ("warn", "hold", "surface", "abort")
 #: Responses to a vehicle that is too near to the ground.
 ALTITUDE_RESPONSES = ("climb", *RESPONSES)
