@@ -2,21 +2,14 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any, Protocol
+from typing import Protocol
 
 from auv_lse_run.remote.orders import FOREIGN
 from auv_lse_shore.remote.ledger import Given, Ledger
-from auv_lse_shore.remote.ssh import VehicleError
+from auv_lse_shore.remote.ssh import RemoteSession, VehicleError
 
 #: Longest wait (s) for the answer to an order: starting nodes takes some.
 ANSWER_S = 60.0
-
-
-class Asking(Protocol):
-    """A session, as far as orders need it."""
-
-    def ask(self, what: str, wait_s: float, data: bytes = b"", **values: Any) -> dict[str, Any]:
-        """Asks, and returns the answer."""
 
 
 class Ledgers(Protocol):
@@ -26,7 +19,7 @@ class Ledgers(Protocol):
         """A context with the ledger, whose changes are kept."""
 
 
-def deliver(asking: Asking, ledgers: Ledgers, vehicle: str, name: str, clock: Callable[[], float]) -> str:
+def deliver(asking: RemoteSession, ledgers: Ledgers, vehicle: str, name: str, clock: Callable[[], float]) -> str:
     """Delivers what is due to a vehicle in one session.
 
     Args:
@@ -55,7 +48,7 @@ def deliver(asking: Asking, ledgers: Ledgers, vehicle: str, name: str, clock: Ca
         trouble = _sent(asking, ledgers, vehicle, what, order, (laptop, name)) or trouble
 
 
-def _sent(asking: Asking, ledgers: Ledgers, vehicle: str, what: str, order: Given, who: tuple[str, str]) -> str:
+def _sent(asking: RemoteSession, ledgers: Ledgers, vehicle: str, what: str, order: Given, who: tuple[str, str]) -> str:
     """Sends one order, and notes its answer; returns why it is not settled."""
     values = {"number": order.number, "verb": order.verb, "team": order.team, "laptop": who[0], "name": who[1]}
     try:
