@@ -70,17 +70,20 @@ class Safety:
             battery=BatteryWatch.of(own, safety, area, mission, motion),
         )
 
-    def command(self, command: Command, source: str, team: bool = False) -> str:
+    def command(
+        self, command: Command, source: str, team: bool = False, given_s: float | None = None, now_s: float = 0.0
+    ) -> str:
         """Gives the mission a command; returns why it is refused, "" if it is accepted.
 
-        The first GO is refused if the battery lasts for too little of the mission.
+        The first GO is refused if the battery lasts for too little of the mission. `MissionRun.command` describes the
+        arguments.
         """
         is_first = not (self.run.has_begun or self.battery.went or self.run.status.state is RunState.RUNNING)
         if command is Command.GO and is_first:
             refusal, self.battery.warning = self.battery.answer_go(self.watch.charge)
             if refusal:
                 return f"GO: {refusal}"
-        refusal = self.run.command(command, source, team)
+        refusal = self.run.command(command, source, team, given_s, now_s)
         self.battery.went = self.battery.went or (command is Command.GO and not refusal)
         return refusal
 

@@ -7,6 +7,7 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 # isort: split
 
 import os
+import time
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import section
@@ -20,7 +21,7 @@ from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.topics.codecs import decode_order
 from auv_lse_common.topics.records import MissionOrder, Odometry, RunReport
 from auv_lse_common.vocabulary.health import NewProblems
-from auv_lse_common.vocabulary.mission_run import Command
+from auv_lse_common.vocabulary.mission_run import VALID_S, Command
 from auv_lse_msgs.srv import RunMission
 from auv_lse_planner.safety import Safety
 
@@ -29,6 +30,8 @@ _DIAGNOSTICS_PERIOD_S = 10.0
 _HEARTBEAT_S = 1.0
 #: How long (s) the watch waits for a slow disk. The state is in memory by then, so a restarted node knows it.
 _DISK_WAIT_S = 0.2
+#: How often (s) the node notes that it takes commands, and how long after it took none those of that time may arrive.
+_ATTENTIVE_S, _ARREARS_S = 0.5, 3.0
 
 
 class SafetyNode(VehicleNode):
@@ -52,6 +55,9 @@ class SafetyNode(VehicleNode):
         self._heartbeats = Periodic(_HEARTBEAT_S)
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._new_problems = NewProblems()
+        self._attentive_s = time.monotonic()  # when it last noted that it takes commands
+        self._arrears: tuple[float, float] | None = None  # when it took no commands: from, to
+        self.create_timer(_ATTENTIVE_S, self._attend)
         self._state = self.publisher("mission/state")
         self.listen("odometry", self._on_odometry)
         self.listen("altitude", lambda altitude: self._safety.watch.altitude(altitude.altitude_m))
@@ -76,19 +82,34 @@ class SafetyNode(VehicleNode):
             self.get_logger().warning(f"refused: {refused}")
 
     def _on_call(self, request: Any, response: Any) -> Any:
-        refused = self._command(decode_order(request.command))
+        refused = "" if request.ask else self._command(decode_order(request.command), request.given_s)
         status = self._safety.run.status
         response.accepted, response.state = not refused, int(status.state)
         response.message = refused or f"{status.state.name}: {status.reason}".rstrip(": ")
+        response.clock_s = time.monotonic()
         return response
 
-    def _command(self, order: MissionOrder) -> str:
+    def _attend(self) -> None:
+        """Notes that the node takes commands. It took none for a while if it was stopped, or busy."""
+        now_s = time.monotonic()
+        if now_s - self._attentive_s > VALID_S:
+            self._arrears = self._attentive_s, now_s
+        self._attentive_s = now_s
+
+    def _earliest_s(self) -> float | None:
+        """When a command that states no time may have been given; None: just now."""
+        self._attend()
+        in_arrears = self._arrears is not None and self._attentive_s - self._arrears[1] < _ARREARS_S
+        return self._arrears[0] if self._arrears is not None and in_arrears else None
+
+    def _command(self, order: MissionOrder, given_s: float = 0.0) -> str:
         try:
             command = Command(order.command)
         except ValueError:
             return f"{order.command} is not a command; use one of {', '.join(f'{c} {c.name}' for c in Command)}"
         source = order.source or "unknown source"
-        refused = self._safety.command(command, source, order.team)
+        given = given_s or self._earliest_s()
+        refused = self._safety.command(command, source, order.team, given, time.monotonic())
         self._keep()  # an accepted command outlives this process
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused

@@ -9,6 +9,10 @@ HOLDING; the mission continues by itself when the autopilot is ready again. It a
 trusted depth; once the vehicle has moved, the limits watch both. Commands can only strengthen the response to a tripped
 limit: HOLD does not replace SURFACE.
 
+GO and RESET can set a vehicle in motion, so they are void if they arrive late, or after a command that was given later
+and keeps it where it is. A command is as old as its sender states, by the vehicle's own clock (RunMission.srv). All
+other commands act whenever they arrive.
+
 After a reboot of the vehicle's computer (`pause`, then `after_reboot`) a mission that ran holds until the vehicle's
 depth is known. Under water it then resumes or surfaces. At the surface it waits for GO, which can reach it there.
 """
@@ -76,6 +80,14 @@ TRANSITIONS: dict[Command, dict[RunState, RunState | None]] = {
     Command.END: {RunState.WAITING: RunState.ENDED, RunState.RUNNING: RunState.ENDED},
 }
 TRANSITIONS[Command.SURFACE] = TRANSITIONS[Command.HOLD]
+
+#: Commands that are void if they arrive late, each with the later commands that make it void at once.
+STALES: dict[Command, tuple[Command, ...]] = {
+    Command.GO: (Command.HOLD, Command.SURFACE, Command.ABORT, Command.RESET),
+    Command.RESET: (Command.HOLD, Command.SURFACE, Command.ABORT),
+}
+#: Time (s) after which they are void.
+VALID_S = 10.0
 
 #: Stops by their names in parameters.
 STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
@@ -194,19 +206,26 @@ class MissionRun:
         self._not_ready = self._paused = ""
         self._travelled = False
         self._team_abort = False
+        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT and RESET came last, by their names
 
-    def command(self, command: Command, source: str, team: bool = False) -> str:
+    def command(
+        self, command: Command, source: str, team: bool = False, given_s: float | None = None, now_s: float = 0.0
+    ) -> str:
         """Executes a command.
 
         Args:
             source: Sender, as a text for operators.
             team: With ABORT: whether to send it to the team mates.
+            given_s: When it was given, by the clock of `now_s`; None: just now.
+            now_s: The time, by a clock that is never set while the computer runs.
 
         Returns:
             Reason of the refusal; "" if it is accepted.
         """
-        if refusal := self._refusal(command):
+        if refusal := self._staleness(command, given_s, now_s) or self._refusal(command):
             return f"{command.name}: {refusal}"
+        if command in STALES[Command.GO]:
+            self._received_s[command.name] = now_s
         if command is Command.RESET:
             self.limits.clear()
             self._team_abort = False
@@ -244,6 +263,7 @@ class MissionRun:
             "limits": dict(self.limits),
             "team_abort": self._team_abort,
             "travelled": self._travelled,
+            "received_s": dict(self._received_s),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -255,6 +275,7 @@ class MissionRun:
             self._stop = Stop(action=Action(action), position_m=(north_m, east_m))
         self.limits = dict(values["limits"])
         self._team_abort, self._travelled = values["team_abort"], values["travelled"]
+        self._received_s = dict(values.get("received_s", {}))
 
     def set_ready(self, problem: str, before_start: str = "") -> None:
         """Sets the reason why the autopilot does not follow targets; "" if it does.
@@ -311,6 +332,21 @@ class MissionRun:
             reason=reason,
             limits=tuple(f"{name}: {reason}" for name, reason in self.limits.items()),
         )
+
+    def _staleness(self, command: Command, given_s: float | None, now_s: float) -> str:
+        """Why a command comes too late; "" if it does not. A time beyond `now_s` is from before a reboot."""
+        if given_s is None or command not in STALES:
+            return ""
+        age_s = now_s - given_s
+        if age_s < 0.0:
+            return "the vehicle's computer has restarted since it was given. Give it again"
+        if age_s > VALID_S:
+            return f"it was given up to {age_s:.0f} s ago, and is void after {VALID_S:g} s. Give it again"
+        for later in STALES[command]:
+            if given_s < self._received_s.get(later.name, -math.inf) <= now_s:
+                now = f"{self.status.state.name}: {self.status.reason}".rstrip(": ")
+                return f"{later.name} was given after it ({now}). Give {command.name} again if you mean it"
+        return ""
 
     def _refusal(self, command: Command) -> str:
         """Why a command is refused; "" if it is not."""

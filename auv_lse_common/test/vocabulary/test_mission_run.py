@@ -109,6 +109,47 @@ def test_a_tripped_limit_is_latched_until_reset() -> None:
     assert run.status.state is A, "nothing milder than an abort undoes it"
 
 
+def test_a_command_that_sets_a_vehicle_in_motion_is_void_after_a_while() -> None:
+    assert in_state(W).command(Command.GO, "test", given_s=90.0, now_s=100.0) == ""
+    late = in_state(W).command(Command.GO, "test", given_s=40.0, now_s=100.0)
+    assert late == "GO: it was given up to 60 s ago, and is void after 10 s. Give it again"
+    assert "60 s ago" in in_state(A).command(Command.RESET, "test", given_s=40.0, now_s=100.0)
+    assert "has restarted since" in in_state(W).command(Command.GO, "test", given_s=4000.0, now_s=100.0)
+    for command in (Command.HOLD, Command.SURFACE, Command.ABORT):
+        assert in_state(R).command(command, "test", given_s=40.0, now_s=100.0) == "", "these act however late"
+
+
+@pytest.mark.parametrize("stop", [Command.HOLD, Command.SURFACE])
+def test_go_that_arrives_again_after_the_hold_of_another_operator_is_void(stop: Command) -> None:
+    run = in_state(R)
+    assert run.command(stop, "bo", given_s=None, now_s=102.0) == ""
+    again = MissionRun(at_once=False, on_abort=SURFACE)
+    again.restore(json.loads(json.dumps(run.snapshot())))  # a restarted node has not forgotten it
+    for one in (run, again):
+        refusal = one.command(Command.GO, "al", given_s=101.0, now_s=103.0)
+        assert refusal.startswith(f"GO: {stop.name} was given after it (HOLDING: {stop.name} by bo)"), refusal
+        assert one.status.state is H
+        assert one.command(Command.GO, "al", given_s=102.5, now_s=103.0) == "", "given after the hold"
+        assert one.command(Command.GO, "al", given_s=102.5, now_s=104.0) == "", "the answer was lost"
+
+
+def test_reset_does_not_undo_an_abort_that_was_given_after_it() -> None:
+    run = in_state(A)
+    assert run.command(Command.RESET, "al", given_s=101.0, now_s=101.1) == ""
+    assert run.command(Command.RESET, "al", given_s=101.0, now_s=102.0) == "", "the answer was lost"
+    assert "RESET was given after it" in run.command(Command.GO, "al", given_s=101.0, now_s=102.5)
+    run.command(Command.ABORT, "bo", now_s=103.0)
+    assert "ABORT was given after it" in run.command(Command.RESET, "al", given_s=101.0, now_s=104.0)
+    assert run.status.state is A
+
+
+def test_commands_from_before_a_reboot_do_not_count() -> None:
+    """The clock of the commands begins anew."""
+    run = in_state(R)
+    run.command(Command.HOLD, "bo", now_s=90000.0)
+    assert run.command(Command.GO, "al", given_s=50.0, now_s=51.0) == ""
+
+
 def test_unready_autopilot_delays_the_mission_and_later_holds_it() -> None:
     run = MissionRun(at_once=True, on_abort=SURFACE)
     run.set_ready("the autopilot is not armed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import getpass
+import math
 import re
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 
-from auv_lse_common.vocabulary.mission_run import Command
+from auv_lse_common.vocabulary.mission_run import STALES, Command
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_msgs.msg import AutopilotStatus, MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
@@ -34,9 +35,14 @@ STATE_TOPICS = {
 
 @dataclass(slots=True)
 class _Call:
-    """The command to one vehicle: its client, and the requests that await an answer."""
+    """The command to one vehicle: its client, and the requests that await an answer.
+
+    Attributes:
+        given_s: When the command was given, by the vehicle's clock; 0: not known. None: the vehicle is asked first.
+    """
 
     client: Any
+    given_s: float | None
     first_s: float | None = None
     last_s: float = 0.0
     futures: list[Any] = field(default_factory=list)
@@ -46,7 +52,9 @@ class _Call:
 class CommandCalls:
     """A command that is sent to each vehicle as soon as its service is matched, and repeated until it answers.
 
-    A repetition has no further effect: the same command changes a mission's state only once.
+    A repetition has no further effect: the same command changes a mission's state only once. What can set a vehicle in
+    motion is sent with the time at which it was given, by the clock of the vehicle, which is asked for it first
+    (RunMission.srv). So a vehicle that does not answer receives no GO that it could obey later.
     """
 
     def __init__(
@@ -58,7 +66,7 @@ class CommandCalls:
         report: Callable[[str, Any], None],
         source: str = "",
     ) -> None:
-        """Sends nothing yet.
+        """Sends nothing yet. The command counts as given now.
 
         Args:
             graph: The node that calls; any object with its `node` will do where vehicles are named and `finish` is not
@@ -70,7 +78,8 @@ class CommandCalls:
         """
         self._graph, self._names, self._report = graph, names, report
         message = MissionCommand(command=int(command), source=source or getpass.getuser(), team=team)
-        self._request = RunMission.Request(command=message)
+        self._message, self._began_s = message, time.monotonic()
+        self._asks_first = command in STALES
         self._calls: dict[str, _Call] = {}
 
     def step(self) -> bool:
@@ -79,7 +88,7 @@ class CommandCalls:
         for name in self._known() if self._names is None else self._names:
             if name not in self._calls:
                 client = self._graph.node.create_client(RunMission, f"/{name}/mission/run")
-                self._calls[name] = _Call(client)
+                self._calls[name] = _Call(client, None if self._asks_first else 0.0)
         for name, call in self._calls.items():
             if call.answer is None:
                 self._step_one(name, call, now_s)
@@ -103,20 +112,30 @@ class CommandCalls:
 
     @property
     def silent(self) -> list[str]:
-        """The vehicles that were sent the command and have not answered."""
+        """The vehicles that have not answered what they were sent."""
         return [name for name, call in self._calls.items() if call.answer is None and call.first_s is not None]
+
+    @property
+    def unsent(self) -> list[str]:
+        """Those of `silent` to which the command was not sent: they have not answered what time it is."""
+        return [name for name in self.silent if self._calls[name].given_s is None]
 
     def _known(self) -> list[str]:
         return vehicles((*self._graph.services(), *self._graph.nodes()))
 
     def _step_one(self, name: str, call: _Call, now_s: float) -> None:
         found = next((f.result() for f in call.futures if f.done()), None)
+        if found is not None and call.given_s is None:
+            call.given_s = found.clock_s - (now_s - self._began_s)
+            call.last_s, call.futures, found = -math.inf, [], None
         if found is not None:
             call.answer = found
             self._report(name, found)
         elif (call.first_s is None or now_s - call.last_s >= _REPEAT_S) and call.client.service_is_ready():
             call.first_s, call.last_s = now_s if call.first_s is None else call.first_s, now_s
-            call.futures.append(call.client.call_async(self._request))
+            asks, given_s = call.given_s is None, call.given_s or 0.0
+            request = RunMission.Request(command=self._message, ask=asks, given_s=given_s)
+            call.futures.append(call.client.call_async(request))
 
     def _is_waiting(self) -> bool:
         now_s = time.monotonic()

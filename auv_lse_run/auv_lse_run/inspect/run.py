@@ -75,8 +75,10 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
             graph.discover(options.spin_time, calls.step)
         calls.finish()
     except KeyboardInterrupt:
-        unsure = f"interrupted. No answer yet from {', '.join(calls.silent)}, which may act on it: see auv_lse state"
-        raise KeyboardInterrupt(unsure if calls.silent else "") from None
+        unsent, silent = calls.unsent, [name for name in calls.silent if name not in calls.unsent]
+        texts = [f"No answer yet from {', '.join(silent)}, which may act on it: see auv_lse state"] if silent else []
+        texts += [f"{options.what.name} was not sent to {', '.join(unsent)}"] if unsent else []
+        raise KeyboardInterrupt(". ".join(["interrupted", *texts]) if texts else "") from None
     nodes = graph.nodes()
     answered, there, mute = calls.acknowledged, vehicles(nodes), out_of_reach(nodes)
     for name in sorted({*([*there, *mute] if names is None else names), *calls.silent} - {*answered}):
@@ -86,6 +88,8 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
             why = _MUTE
         if name in calls.silent:
             why = f"no answer. It may still act on {options.what.name}: see auv_lse state"
+        if name in calls.unsent:
+            why = f"no answer, so {options.what.name} was not sent. Try again"
         print(f"{name}: error: {why}", file=sys.stderr)
     if not answered and not failed:
         raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")

@@ -17,20 +17,27 @@ from auv_lse_run.inspect import run as mission
 pytestmark = pytest.mark.ros
 
 
+#: How much the vehicles' clock is ahead of the operator's (s).
+AHEAD_S = 5000.0
+
+
 class _Vehicle:
     """Its service is matched after `from_s`, its node's name is known 2 s later; it ignores the first `deaf` calls."""
 
     def __init__(self, graph: _Graph, from_s: float, deaf: int) -> None:
         self._graph, self.from_s, self._deaf = graph, from_s, deaf
         self.calls_s: list[float] = []
+        self.requests: list[Any] = []
 
     def service_is_ready(self) -> bool:
         return self._graph.now_s >= self.from_s
 
     def call_async(self, request: Any) -> Any:
         self.calls_s.append(self._graph.now_s)
+        self.requests.append(request)
         is_heard = len(self.calls_s) > self._deaf
-        answer = SimpleNamespace(accepted=True, message="ABORTED: ABORT by me")
+        clock_s = self._graph.now_s + AHEAD_S
+        answer = SimpleNamespace(accepted=True, message="ABORTED: ABORT by me", clock_s=clock_s)
         return SimpleNamespace(done=lambda: is_heard, result=lambda: answer)
 
 
@@ -63,8 +70,8 @@ class _Graph(graph_node.Graph):
     def destroy_client(self, client: Any) -> None:
         pass
 
-    def run(self, *words: str) -> int:
-        options = mission.parser().parse_args(["abort", *words])
+    def run(self, *words: str, verb: str = "abort") -> int:
+        options = mission.parser().parse_args([verb, *words])
         assert options.at_once, "the command line does not discover first"
         return mission.run_tell(options, self)
 
@@ -149,3 +156,33 @@ def test_ctrl_c_names_the_vehicles_that_may_act_on_the_command(monkeypatch: pyte
     monkeypatch.setattr(graph, "spin", interrupted)
     with pytest.raises(KeyboardInterrupt, match="No answer yet from auv2, which may act on it"):
         graph.run("auv1", "auv2")
+
+
+@pytest.mark.parametrize("verb", ["go", "reset"])
+def test_what_may_move_a_vehicle_is_sent_with_the_time_of_the_vehicle_at_which_it_was_given(
+    monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    """Its first two calls are lost, whatever they are: it is asked for its time, then sent the command."""
+    graph = _Graph(monkeypatch, {"auv1": (0.5, 0), "auv2": (0.5, 2)})
+    assert graph.run("auv1", "auv2", verb=verb) == 0
+    for name, asked in (("auv1", 1), ("auv2", 3)):
+        requests = graph.vehicles[name].requests
+        assert [r.ask for r in requests] == [True] * asked + [False]
+        assert AHEAD_S - 0.11 <= requests[-1].given_s <= AHEAD_S, "when the operator gave it, or just before"
+
+
+def test_a_stop_is_sent_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    for verb in ("hold", "surface", "abort"):
+        graph = _Graph(monkeypatch, {"auv1": (0.1, 0)})
+        assert graph.run("auv1", verb=verb) == 0
+        assert [(r.ask, r.given_s) for r in graph.vehicles["auv1"].requests] == [(False, 0.0)]
+
+
+def test_a_vehicle_that_does_not_answer_receives_no_go(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It would act on it when it is back, without anybody watching."""
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 99)})
+    assert graph.run("auv1", verb="go") == 1
+    assert all(r.ask for r in graph.vehicles["auv1"].requests)
+    assert capsys.readouterr().err == "auv1: error: no answer, so GO was not sent. Try again\n"

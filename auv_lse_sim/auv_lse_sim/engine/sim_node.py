@@ -187,8 +187,11 @@ class SimNode(BaseNode):
             topics.command(message)
 
     def _on_call(self, request: RunMission.Request, response: RunMission.Response) -> RunMission.Response:
-        self._on_command(request.command)
-        response.accepted, response.message = True, f"sent to {len(self._topics)} vehicles"
+        if not request.ask:
+            self._on_command(request.command)
+        done = "none sent" if request.ask else "sent"
+        response.accepted, response.message = True, f"{done} to {len(self._topics)} vehicles"
+        response.clock_s = time.monotonic()
         return response
 
     def _on_packet(self, k: int, message: ModemTx) -> None:

@@ -1,0 +1,124 @@
+"""Commands to a safety_node that was stopped for a while, and of two operators at once, over real rclpy."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+from ros_bench import Bench, bench
+
+from auv_lse_common.topics.quality import LATCHED
+from auv_lse_common.topics.ros_conversions import header
+from auv_lse_common.vocabulary.mission_run import VALID_S, Command
+from auv_lse_msgs.msg import MissionCommand, MissionState
+from auv_lse_msgs.srv import RunMission
+from auv_lse_run.inspect.mission_calls_node import CommandCalls
+
+pytestmark = pytest.mark.ros
+
+PARAMETERS = """\
+/**:
+  ros__parameters:
+    mission: {vehicles: 1, steps: 20, seed: 7}
+    area: {polygon_m: [-50.0, -50.0, 350.0, -50.0, 350.0, 350.0, -50.0, 350.0]}
+    vehicle: {start: on_call}
+"""
+
+
+class Operators:
+    """A vehicle's safety_node, and those who command it."""
+
+    def __init__(self, b: Bench) -> None:
+        self.b = b
+        b.start("auv_lse_planner", "safety_node", PARAMETERS)
+        self.states = b.collect(MissionState, "/auv1/mission/state", LATCHED)
+        self.topic = b.publisher(MissionCommand, "/auv1/mission/command")
+        self.odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)
+        self.client = b.node.create_client(RunMission, "/auv1/mission/run")
+        b.until(self.client.service_is_ready, "the service")
+        b.until(lambda: self.move() and self.states, "a state")
+
+    def move(self) -> bool:
+        message = Odometry(header=header(time.time()))
+        message.pose.pose.orientation.w = 1.0
+        self.odometry.publish(message)
+        return True
+
+    def until_state(self, state: int) -> None:
+        self.b.until(lambda: self.move() and self.states[-1].state == state, f"state {state}")
+
+    def call(self, command: int, **fields: Any) -> Any:
+        """Calls as `ros2 service call` does; returns the future."""
+        request = RunMission.Request(command=MissionCommand(command=command, source="by hand"), **fields)
+        return self.client.call_async(request)
+
+    def answer(self, command: int, **fields: Any) -> Any:
+        future = self.call(command, **fields)
+        self.b.until(future.done, "an answer")
+        return future.result()
+
+
+def test_a_stopped_node_that_continues_obeys_no_go_that_it_was_sent_meanwhile(tmp_path: Path) -> None:
+    with bench(tmp_path) as b:
+        operators = Operators(b)
+        (process,) = b.keepers[-1].running.values()
+        os.kill(process, signal.SIGSTOP)
+        operators.call(MissionCommand.GO)
+        operators.topic.publish(MissionCommand(command=MissionCommand.GO, source="topic"))
+        answers: dict[str, Any] = {}
+        graph: Any = SimpleNamespace(node=b.node)
+        calls = CommandCalls(graph, ["auv1"], Command.GO, False, answers.setdefault)
+        end_s = time.monotonic() + 5.0
+        while time.monotonic() < end_s:
+            calls.step()
+            b.spin(0.05)
+        assert (answers, calls.unsent) == ({}, ["auv1"])
+        calls.close()
+        b.spin(VALID_S - 4.0)
+        os.kill(process, signal.SIGCONT)
+        operators.states.clear()
+        b.until(lambda: operators.move() and len(operators.states) > 3, "the state every second")
+        assert {s.state for s in operators.states} == {MissionState.WAITING}
+        answer = operators.answer(MissionCommand.GO)
+        assert answer.accepted, f"GO that is given now acts; {answer.message}"
+        operators.until_state(MissionState.RUNNING)
+
+
+def test_a_stopped_node_that_continues_obeys_hold(tmp_path: Path) -> None:
+    with bench(tmp_path) as b:
+        operators = Operators(b)
+        assert operators.answer(MissionCommand.GO).accepted
+        operators.until_state(MissionState.RUNNING)
+        (process,) = b.keepers[-1].running.values()
+        os.kill(process, signal.SIGSTOP)
+        operators.call(MissionCommand.HOLD)
+        b.spin(VALID_S + 1.0)
+        os.kill(process, signal.SIGCONT)
+        operators.until_state(MissionState.HOLDING)
+
+
+def test_go_that_arrives_again_after_the_hold_of_another_operator_is_refused(tmp_path: Path) -> None:
+    with bench(tmp_path) as b:
+        operators = Operators(b)
+        asked = operators.answer(MissionCommand.GO, ask=True)
+        assert (asked.accepted, asked.state) == (True, MissionState.WAITING), "nothing is done"
+        given_s = asked.clock_s
+        assert operators.answer(MissionCommand.GO, given_s=given_s).accepted
+        assert operators.answer(MissionCommand.GO, given_s=given_s).accepted, "its answer was lost"
+        assert operators.answer(MissionCommand.HOLD).accepted
+        again = operators.answer(MissionCommand.GO, given_s=given_s)
+        assert (again.accepted, again.state) == (False, MissionState.HOLDING)
+        assert again.message.startswith("GO: HOLD was given after it (HOLDING: HOLD by by hand)")
+        assert operators.answer(MissionCommand.GO).accepted, "by hand, now"
