@@ -75,9 +75,12 @@ class Safety:
     ) -> str:
         """Gives the mission a command; returns why it is refused, "" if it is accepted.
 
-        The first GO is refused if the battery lasts for too little of the mission. `MissionRun.command` describes the
-        arguments.
+        The first GO is refused if the battery lasts for too little of the mission; RESET while a limit that has tripped
+        is exceeded, because it would trip again at once. `MissionRun.command` describes the arguments.
         """
+        exceeded = "; ".join(f"{name}: {why}" for name, why in self.watch.exceeded.items() if name in self.run.limits)
+        if command is Command.RESET and exceeded:
+            return f"RESET: a limit is still exceeded and would trip again ({exceeded}). Send RESET when it is not"
         is_first = not (self.run.has_begun or self.battery.went or self.run.status.state is RunState.RUNNING)
         if command is Command.GO and is_first:
             refusal, self.battery.warning = self.battery.answer_go(self.watch.charge)

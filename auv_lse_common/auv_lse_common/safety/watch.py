@@ -101,6 +101,7 @@ class SafetyWatch:
 
     Attributes:
         warnings: Exceeded limits that have not tripped, each with its reason.
+        exceeded: Exceeded limits that would trip again after RESET, each with its reason.
     """
 
     def __init__(
@@ -113,6 +114,7 @@ class SafetyWatch:
             can_climb: Whether the vehicle can climb: it is no boat.
         """
         self.warnings: dict[str, str] = {}
+        self.exceeded: dict[str, str] = {}
         self._config, self._fence, self._deepest_m = config, fence, deepest_m
         self._responses = {
             "depth": config.depth_response,
@@ -254,16 +256,18 @@ class SafetyWatch:
             self._times["fence"] = ExceededTime(self._config.patience_s)
         self._check_readings()
         self._check_states()
-        exceeded = {}
+        exceeded, may_trip = {}, run.has_begun or not self._afloat
         for name, time in self._times.items():
             is_over = time.step(now_s)
             if time.share >= WARNING_SHARE:
                 exceeded[name] = self._reasons[name]
             response = self._responses[name]
-            if is_over and response != "warn" and (run.has_begun or not self._afloat):
+            if is_over and response != "warn" and may_trip:
                 stop = None if response == "abort" else Stop(action=_ACTIONS[response])
                 run.trip(name, stop, self._reasons[name])
         self.warnings = {name: reason for name, reason in exceeded.items() if name not in run.limits}
+        obeyed = {name for name, response in self._responses.items() if response != "warn" and name != "fence"}
+        self.exceeded = {name: why for name, why in exceeded.items() if may_trip and name in obeyed}
         self._fenced = "fence" in run.limits
 
     @property

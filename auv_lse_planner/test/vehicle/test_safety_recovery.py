@@ -96,3 +96,25 @@ def test_a_vehicle_with_an_autopilot_waits_for_go_whatever_its_mission_file_says
     parameters = {**AREA, "vehicle": {"start": "at_once"}, "link": {"kind": "mavlink"}}
     assert Safety.of(parameters, "test", 1).run.status.state is RunState.WAITING
     assert Safety.of({**parameters, "sim": {}}, "test", 1).run.status.state is RunState.RUNNING, "in a simulation"
+
+
+def test_reset_is_refused_while_a_limit_is_exceeded_and_names_it_with_its_value() -> None:
+    one = steps(safety(), 5.0, 5.0)
+    deep = steps(one, 30.0, 5.0, 1005.0)
+    assert "depth" in deep.run.limits
+    refusal = deep.command(Command.RESET, "test")
+    assert refusal.startswith("RESET: a limit is still exceeded and would trip again (depth: depth 30.0 m, deeper")
+    assert "depth" in deep.run.limits, "nothing was cleared"
+    up = steps(deep, 1.0, 1.0, 1010.0)
+    assert up.command(Command.RESET, "test") == ""
+    assert steps(up, 1.0, 20.0, 1011.0).run.limits == {}
+
+
+def test_reset_outside_of_the_fence_lets_the_vehicle_return() -> None:
+    one = steps(safety(fence_margin_m=5.0), 5.0, 2.0)
+    for tick in range(100):
+        one.watch.odometry(1002.0 + 0.1 * tick, 0.0, 50.0 + 5.0 * tick, 50.0, 5.0, 1.0)
+        one.step(1002.0 + 0.1 * tick)
+    assert "fence" in one.run.limits
+    assert one.command(Command.RESET, "test") == ""
+    assert one.command(Command.GO, "test") == ""
