@@ -131,8 +131,8 @@ def with_area_file(patterns: Mapping[str, Mapping[str, Any]], file: str, read_ar
 
 
 def _copied(values: Mapping[str, Any]) -> dict[str, Any]:
-    """A pattern's values, their sections copied; dotted names of positions are nested."""
-    dotted = any(re.fullmatch(r"(area|vehicle)\.(file|\w+_deg)", name) for name in values)
+    """A pattern's values, their sections copied; dotted names of both sections are nested."""
+    dotted = any(re.match(r"(area|vehicle)\.", name) for name in values)
     copied = {k: dict(v) if isinstance(v, Mapping) else v for k, v in (nest(values) if dotted else values).items()}
     for section in (copied.get("area"), copied.get("vehicle")):
         for key in ("file", "polygon_deg", "no_go_deg", "start_deg", "recovery_deg"):
@@ -147,10 +147,9 @@ def _under(patterns: Patterns, content: AreaContent, origin: tuple[float, float]
     for name, found in (("recovery", content.recoveries), ("start", content.starts)):
         for number, position in sorted(found.items()):
             pattern = f"/auv{number}/**" if number else "/**"
-            given = patterns.get(pattern, {}).get("vehicle", {})
-            if isinstance(given, dict) and f"{name}_north_m" in given:
+            if giver := next((p for p in (pattern, "/**") if _gives(patterns.get(p, {}), name)), ""):
                 whose = f"auv{number}" if number else "all vehicles"
-                content.notes.append(f"the {name} of {whose} is that of the mission file ({pattern})")
+                content.notes.append(f"the {name} of {whose} is that of the mission file ({giver})")
                 del found[number]
                 continue
             below.setdefault(pattern, {}).setdefault("vehicle", {}).update(_metres(name, position, origin))
@@ -159,6 +158,12 @@ def _under(patterns: Patterns, content: AreaContent, origin: tuple[float, float]
         if isinstance(given, dict):
             patterns.setdefault(pattern, {})["vehicle"] = {**values["vehicle"], **given}
     return patterns
+
+
+def _gives(values: dict[str, Any], name: str) -> bool:
+    """Whether a pattern's values give the position `name`: start or recovery."""
+    vehicle = values.get("vehicle", {})
+    return isinstance(vehicle, dict) and not {f"{name}_north_m", f"{name}_east_m"}.isdisjoint(vehicle)
 
 
 def _content_of(area: dict[str, Any], folder: Path, where: str, read_area: AreaReader | None) -> AreaContent | None:

@@ -106,7 +106,8 @@ def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
                 raise ParameterError(
                     f"{name} (value {value!r}): '{parent}' is already a value, so it cannot be a section"
                 )
-        level[leaf] = value
+        old = level.get(leaf)
+        level[leaf] = merge(old if isinstance(old, Mapping) else {}, value) if isinstance(value, Mapping) else value
     return nested
 
 

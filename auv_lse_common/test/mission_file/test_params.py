@@ -125,6 +125,14 @@ def test_nest_keeps_every_leaf(flat: dict[str, int]) -> None:
     assert leaves(nest(flat)) == flat
 
 
+def test_a_section_and_its_dotted_names_are_one_whatever_their_order() -> None:
+    """As in ROS. A dotted name before its section was lost without a word."""
+    dotted, section = {"vehicle.start_east_m": 20.0}, {"vehicle": {"depth_m": 4.0}}
+    for both in ({**dotted, **section}, {**section, **dotted}):
+        assert nest(both) == {"vehicle": {"depth_m": 4.0, "start_east_m": 20.0}}
+    assert section == {"vehicle": {"depth_m": 4.0}}, "the caller's mapping is unchanged"
+
+
 def test_merge_is_deep_and_does_not_change_its_arguments() -> None:
     base = {"a": {"x": 1, "y": 2}, "b": 3}
     assert merge(base, {"a": {"y": 5}, "c": 4}) == {"a": {"x": 1, "y": 5}, "b": 3, "c": 4}

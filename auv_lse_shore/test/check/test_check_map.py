@@ -66,6 +66,19 @@ def test_positions_of_a_file_that_do_not_apply_are_not_among_the_used_ones(missi
     assert "lake.geojson: ignored start of auv2: the mission has 1 vehicle" in notes
 
 
+@pytest.mark.parametrize(
+    "given", ["vehicle: {start_north_m: 200.0, start_east_m: 200.0}", "vehicle.start_east_m: 200.0"]
+)
+def test_a_start_of_all_vehicles_in_the_mission_file_replaces_those_of_the_area_file(mission: Path, given: str) -> None:
+    first, mark, rest = MISSION.partition("ros__parameters:\n")
+    mission.write_text(f"{first}{mark}    {given}\n{rest}")
+    settings = Settings.load(mission, read_area=read_area)
+    assert {own.vehicle.start_east_m for own in settings.vehicles} == {200.0}
+    notes = "\n".join(text for level, text in check(mission).rows if level == "note")
+    for number in (1, 2):
+        assert f"lake.geojson: the start of auv{number} is that of the mission file (/**)" in notes
+
+
 def test_the_map_shows_the_positions_where_they_are(mission: Path) -> None:
     settings = Settings.load(mission, read_area=read_area)
     origin = settings.area.origin_lat_deg, settings.area.origin_lon_deg
