@@ -93,7 +93,10 @@ class AutopilotReport:
             return "the autopilot is not heard"
         if not self.armed:
             return "the autopilot is not armed"
-        return "" if self.mode_obeys else f"the autopilot is in mode {self.mode}, which is not in link.modes"
+        if self.mode_obeys:
+            return ""
+        choice = "Choose GUIDED, or AUTO with link.mode: mission (PX4: Offboard, Mission)"
+        return f"the autopilot is in mode {self.mode}, in which it follows no targets. {choice}"
 
 
 class SafetyWatch:

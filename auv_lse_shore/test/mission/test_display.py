@@ -117,7 +117,7 @@ def test_clock() -> None:
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_a_hold_is_shown_with_its_reason(terminal: bool) -> None:
-    held = "auv1 HOLDING (the autopilot is in mode 9, which is not in link.modes)"
+    held = "auv1 HOLDING (the autopilot is in mode 9, in which it follows no targets)"
     progress = MissionProgress(phase="running", vehicles=1, steps_total=5, steps=[4], held=held)
     assert f"held: {held}" in " ".join(displayed(progress, terminal).split())
 

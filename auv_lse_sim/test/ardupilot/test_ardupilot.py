@@ -170,6 +170,25 @@ def test_arming_after_the_link_went_silent_does_not_last(personality, mode):
     assert autopilot.beat[1] in (mode, personality.hold)
 
 
+@pytest.mark.parametrize("personality", [SUB, ROVER])
+def test_the_simulated_operator_chooses_the_mode_again_after_the_link_was_silent(personality):
+    """As people do with a ground station, which a simulated vehicle does not have."""
+    autopilot = Bench(personality, operator_mode=personality.guided)
+    autopilot.pass_s(5.0)
+    assert autopilot.beat[1] == personality.guided
+    autopilot.beats = False
+    autopilot.pass_s(30.0)
+    assert autopilot.beat[1] == personality.hold
+    autopilot.beats = True
+    autopilot.pass_s(8.0)
+    assert autopilot.beat[1] == personality.hold, "the operator needs a moment"
+    autopilot.pass_s(4.0)
+    assert autopilot.beat[1] == personality.guided
+    autopilot.mode(personality.hold)
+    autopilot.pass_s(30.0)
+    assert autopilot.beat[1] == personality.hold, "chosen by a person, not by a failsafe"
+
+
 def test_a_ground_station_that_was_never_heard_is_not_missed():
     sub = Bench()
     sub.autopilot.failsafes.boot(sub.now_s)

@@ -209,7 +209,7 @@ def run_held(monkeypatch: pytest.MonkeyPatch, status: RunStatus) -> Simulation:
 @pytest.mark.parametrize(
     ("reason", "limits"),
     [
-        ("the autopilot is in mode 9, which is not in link.modes", ()),
+        ("the autopilot is in mode 9, in which it follows no targets", ()),
         ("no usable odometry for 30 s", ("odometry: no usable odometry for 30 s",)),
     ],
 )

@@ -32,6 +32,8 @@ from auv_lse_sim.emulated.autopilot_report import AIR_PA, Report
 from auv_lse_sim.emulated.fault import Fault
 from auv_lse_sim.emulated.mission_protocol import MissionProtocol
 
+#: Time (s) after a failsafe until the operator acts.
+OPERATOR_S = 10.0
 #: Periods (s) of TIMESYNC requests, of the text and the parameters that it sends unasked.
 TIMESYNC_S, ELEVATION_S, RUNTIME_S, GROUND_PRESSURE_S = 10.0, 1.0, 30.0, 11.0
 #: A vehicle this deep (m) is at the surface; a target within this distance (m) of the vehicle is a stop.
@@ -92,6 +94,7 @@ class ArduPilot:
         self.pilot = OrderedPilot(self.guidance)
         self._take_over: Callable[[OrderedPilot], None] | None = take_over
         self._system_id, self._operator_mode = system_id, setup.operator_mode
+        self._failed_s = -math.inf  # last time of a failsafe that acts
         self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._feeder = Feeder()
         self._out: list[bytes] = []
@@ -355,8 +358,8 @@ class ArduPilot:
         self.pilot.order(self._now_s, go)
 
     def _operate(self) -> None:
-        """Arms and chooses the mode when the mission begins, as its operator does, once."""
-        if self._operator_mode is None:
+        """Arms and chooses the mode as its operator does: when the mission begins, and after a failsafe has ended."""
+        if self._operator_mode is None or self._now_s - self._failed_s < OPERATOR_S:
             return
         self.arm(True)
         if self.mode == self._operator_mode or self.set_mode(self._operator_mode):
@@ -372,7 +375,11 @@ class ArduPilot:
             self.set_mode(self.own.surface)
         elif response is Response.HOLD:
             self.set_mode(self.own.hold)
+        if response in (Response.SURFACE, Response.HOLD):
+            self._operator_mode, self._failed_s = self.setup.operator_mode, self._now_s
         rising = self.mode == self.own.surface and self.armed
+        if math.isfinite(self._failed_s) and (rising or self.failsafes.is_critical or self.failsafes.leaks):
+            self._failed_s = self._now_s
         if rising and self._last.depth_m <= SURFACE_M and self._now_s - self._since_s >= SURFACE_S:
             self.set_mode(self.own.hold)
 

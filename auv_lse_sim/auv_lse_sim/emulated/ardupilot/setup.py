@@ -22,7 +22,8 @@ class Setup:
         has_origin: Whether its estimator has an origin when the simulation begins.
         origin: That origin; None: the mission's.
         origin_height_m: Height of that origin, and of home, above the surface.
-        operator_mode: The mode that a ground station chooses after arming on deck; None: it does neither.
+        operator_mode: The mode that an operator chooses after arming on deck, and after a failsafe has ended; None:
+            nobody arms it or chooses a mode.
         patience: Factor on the ground station's time limit, for simulations that run faster than real time.
         feeds: Whether another system on the same network feeds the range finder, so that its messages arrive too.
         lasts_m: Way that its full battery lasts.
