@@ -12,7 +12,7 @@ from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.transforms_node import TransformPublisher
 from auv_lse_common.topics.records import Altitude, GeodeticPosition, Pressure, RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
-from auv_lse_common.vocabulary.mission_run import RunState, Stop
+from auv_lse_common.vocabulary.mission_run import LONGEST_SILENCE_S, UNWATCHED, RunState, Stop
 from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.packet.key import read_key
@@ -23,6 +23,9 @@ from auv_lse_mavlink.messages.datum import origin_of
 from auv_lse_mavlink.port import AutopilotPort, Event
 from auv_lse_mavlink.targets.limits import target_limits
 from auv_lse_mavlink.targets.waypoints import ends_to_reach, target_of
+
+#: Period (s) at which the node looks for mission/state.
+_WATCH_S = 1.0
 
 
 class VehicleLinkNode(DriverNode):
@@ -53,6 +56,7 @@ class VehicleLinkNode(DriverNode):
         self._then: Stop | None = None  # the stop after it
         self._late: list[Waypoint] = []  # received after a restart, not commanded yet
         self._has_state = False  # whether mission/state was received
+        self._silent_s: float | None = None  # time without mission/state while the vehicle travels; None: it does not
         self._had_ended = False  # whether the mission had ended before this node commanded anything: it was restarted
         self._odometry = self.publisher("odometry")
         self._origin_deg = (origin.lat_deg, origin.lon_deg) if origin else None
@@ -67,6 +71,8 @@ class VehicleLinkNode(DriverNode):
         listen_to_dvl(self, self._on_dvl)
         self.listen("waypoint", self._on_waypoint)
         self.listen("mission/state", self._on_state)
+        if not self.lockstep:
+            self.create_timer(_WATCH_S, self._watch_state)
         self.drive(self._autopilot, f"link.endpoint {config.endpoint}")
 
     def _on_dvl(self, altitude: Altitude) -> None:
@@ -98,8 +104,21 @@ class VehicleLinkNode(DriverNode):
             ended = report.status.state is RunState.ENDED
             link.stop(self.now_s(), report.status.stop_after(self._then), ended)
             self._has_state = True
+            self._silent_s = 0.0 if report.status.state is RunState.RUNNING else None
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
+
+    def _watch_state(self) -> None:
+        """Surfaces a vehicle that travels without safety_node. Counts periods: this process may have been stopped."""
+        if self._silent_s is None:
+            return
+        self._silent_s += _WATCH_S
+        if self._silent_s > LONGEST_SILENCE_S:
+            self._silent_s = None
+            text = f"{UNWATCHED.reason}: the vehicle surfaces and holds until mission/state arrives"
+            self.get_logger().error(text)
+            self.report_on_terminal(f"auv{self.vehicle}: {text}")
+            self._autopilot.link.stop(self.now_s(), UNWATCHED.stop)
 
     def _command(self, step: int, ends: list[Target]) -> None:
         try:

@@ -28,6 +28,7 @@ from auv_lse_common.topics.records import RunReport
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
 from auv_lse_comms import driver_node
+from auv_lse_mavlink import vehicle_link_node
 from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_mavlink.targets.waypoints import ends_to_reach
 from auv_lse_mavlink.vehicle_link_node import VehicleLinkNode
@@ -141,6 +142,30 @@ def test_a_link_that_is_restarted_after_the_end_sends_the_vehicle_nowhere(tmp_pa
             s.node.on_event(here)
         assert link.targets == ()
         assert link._targets.stopped, "it stays at the surface, where it is"
+
+
+def test_a_vehicle_whose_safety_node_is_silent_surfaces_until_its_state_arrives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody watches its limits, and it obeys no command."""
+    monkeypatch.setattr(vehicle_link_node, "LONGEST_SILENCE_S", 2.0)
+    surface = Stop(action=Action.SURFACE)
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
+        targets = s.node._autopilot.link._targets
+        runs = RunReport(stamp_s=1.0, revision=1, status=RunStatus(state=RunState.RUNNING, stop=None))
+        started_s = time.monotonic()
+        s.node._on_state(runs)
+        s.until(lambda: targets.stopped)
+        assert time.monotonic() - started_s > 2.0
+        assert targets._stop == surface
+        s.until(lambda: any("safety_node has been silent" in log.msg for log in s.logs))
+        s.node._on_state(runs)
+        assert not targets.stopped, "it continues"
+        held = RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.HOLD))
+        s.node._on_state(RunReport(stamp_s=1.0, revision=2, status=held))
+        end_s = time.monotonic() + 4.0
+        s.until(lambda: time.monotonic() > end_s)
+        assert targets._stop == held.stop, "it has stopped anyway"
 
 
 def test_a_restarted_link_takes_no_short_cut_to_a_newer_waypoint(tmp_path: Path) -> None:

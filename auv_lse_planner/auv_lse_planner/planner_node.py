@@ -28,7 +28,7 @@ from auv_lse_common.topics.records import (
 from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition
 from auv_lse_common.vocabulary.health import NewProblems
 from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_common.vocabulary.mission_run import Command
+from auv_lse_common.vocabulary.mission_run import LONGEST_SILENCE_S, UNWATCHED, Command
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.centers import Centers
@@ -169,6 +169,8 @@ class PlannerNode(VehicleNode):
     def step(self, now_s: float) -> None:
         """Applies the queued inputs; if a decision is due, makes and publishes it."""
         quality = self._planner.until.quality
+        if not (self.lockstep or self._state_lost) and now_s - self._state_s > LONGEST_SILENCE_S:
+            self._intake.set_run_status(UNWATCHED)
         is_due = self._intake.take(now_s)
         if self._planner.until.quality is not quality:
             self._note_judgement()

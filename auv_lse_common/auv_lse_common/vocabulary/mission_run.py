@@ -177,6 +177,15 @@ _WAITS, _LAST_LEG = "waits for GO", "the last leg is complete"
 _HOLD, _SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
 
 
+#: Without lockstep the state is published every second. Without one for this time (s), longer than a restart of
+#: safety_node takes, nobody watches the limits or takes commands.
+LONGEST_SILENCE_S = 30.0
+#: The state of a vehicle that travels then, until the next state arrives.
+UNWATCHED = RunStatus(
+    state=RunState.HOLDING, stop=_SURFACE, reason=f"safety_node has been silent for {LONGEST_SILENCE_S:g} s"
+)
+
+
 class MissionRun:
     """The mission of one vehicle; see the module's text.
 

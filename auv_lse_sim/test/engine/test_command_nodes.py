@@ -18,12 +18,15 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
+from spinning import spun
 
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.ros_conversions import header
-from auv_lse_common.vocabulary.mission_run import VALID_S, Command
+from auv_lse_common.topics.records import RunReport
+from auv_lse_common.vocabulary.mission_run import VALID_S, Command, RunState, RunStatus
 from auv_lse_msgs.msg import MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
+from auv_lse_planner import planner_node
 from auv_lse_run.inspect.mission_calls_node import CommandCalls
 
 pytestmark = pytest.mark.ros
@@ -122,3 +125,18 @@ def test_go_that_arrives_again_after_the_hold_of_another_operator_is_refused(tmp
         assert (again.accepted, again.state) == (False, MissionState.HOLDING)
         assert again.message.startswith("GO: HOLD was given after it (HOLDING: HOLD by by hand)")
         assert operators.answer(MissionCommand.GO).accepted, "by hand, now"
+
+
+def test_a_planner_whose_safety_node_is_silent_counts_no_steps_until_its_state_arrives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The link surfaces the vehicle: legs would time out one after another."""
+    monkeypatch.setattr(planner_node, "LONGEST_SILENCE_S", 1.0)
+    parameters = "\n".join(line.strip() for line in PARAMETERS.splitlines()[2:])
+    runs = RunReport(stamp_s=1.0, revision=1, status=RunStatus(state=RunState.RUNNING, stop=None))
+    with spun(planner_node.PlannerNode, tmp_path / "p.yaml", parameters, "/auv1") as s:
+        planner = s.node._planner
+        for _ in range(2):
+            s.node._on_state(runs)
+            s.until(lambda: not planner._blocked_reason)
+            s.until(lambda: "safety_node has been silent" in planner._blocked_reason)
