@@ -21,8 +21,8 @@ from ros_bench import Bench, bench
 from spinning import spun
 
 from auv_lse_common.topics.quality import LATCHED
-from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.topics.records import RunReport
+from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.mission_run import VALID_S, Command, RunState, RunStatus
 from auv_lse_msgs.msg import MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
