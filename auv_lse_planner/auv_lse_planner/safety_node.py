@@ -108,6 +108,8 @@ class SafetyNode(VehicleNode):
         except ValueError:
             return f"{order.command} is not a command; use one of {', '.join(f'{c} {c.name}' for c in Command)}"
         source = order.source or "unknown source"
+        if command is Command.GO and (loss := self.state.loss_of("planner_node")):
+            return f"GO: planner_node plans no legs ({loss}). End the dive with Ctrl-C at the surface, and start again"
         given = given_s or self._earliest_s()
         refused = self._safety.command(command, source, order.team, given, time.monotonic())
         self._keep()  # an accepted command outlives this process

@@ -139,6 +139,17 @@ class StateFile:
             return False
         return self.kept
 
+    def loss_of(self, node: str) -> str:
+        """Why another node of this dive does not trust its state, which does not change before the next dive; or ""."""
+        if self._path is None or not self._start:
+            return ""
+        path = self._path.with_name(f"{self._path.name.partition('.')[0]}.{node}.state")
+        text = MemoryCopy(path).text
+        if not text and not os.path.lexists(path):
+            return f"state file {path}: is missing"
+        document, _ = parse(text, path.name, self._dive) if text else read_document(path, self._dive)
+        return "" if document is None or document["values"] else str(document["lost"])
+
     def close(self) -> None:
         """Closes the file and its second copy."""
         for file in (self._main, self._second):

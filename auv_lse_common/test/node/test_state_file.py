@@ -14,7 +14,7 @@ import pytest
 from full_disk import full_disk
 
 from auv_lse_common.node import latest_writer, state_memory, state_slots
-from auv_lse_common.node.state_file import StateFile, read_state
+from auv_lse_common.node.state_file import StateFile, begin_state, read_state
 from auv_lse_common.node.state_slots import FILE_BYTES, SLOT_BYTES, create, invalidate
 
 MISSION = {"vehicle": 2, "steps": 100}
@@ -94,6 +94,26 @@ def test_a_process_that_dies_while_it_repairs_leaves_the_file_untrusted(
                 StateFile(path, MISSION)
         assert StateFile(path, MISSION).lost
         path.unlink()
+
+
+def test_a_node_knows_whether_another_one_has_lost_its_state(tmp_path: Path, memory: Path) -> None:
+    for node in ("safety_node", "planner_node"):
+        begin_state(tmp_path / f"auv2.{node}.state", "a dive")
+
+    def opened(node: str) -> StateFile:
+        return StateFile(tmp_path / f"auv2.{node}.state", {}, start="a", dive="a dive")
+
+    safety, planner = opened("safety_node"), opened("planner_node")
+    assert safety.loss_of("planner_node") == "", "it has planned nothing yet"
+    planner.write({"decided": 3})
+    assert safety.loss_of("planner_node") == ""
+    (tmp_path / "auv2.planner_node.state").unlink()
+    assert safety.loss_of("planner_node") == "", "it goes on from memory"
+    planner.close()
+    for copy in memory.iterdir():
+        copy.unlink()
+    assert "is missing" in opened("planner_node").lost
+    assert "is missing" in safety.loss_of("planner_node")
 
 
 def test_other_parameters_are_not_this_mission(tmp_path: Path) -> None:

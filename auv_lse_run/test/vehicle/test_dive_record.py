@@ -134,6 +134,7 @@ def test_with_a_damaged_record_the_nodes_trust_nothing(tmp_path: Path, mission: 
     environment = again.begin(tmp_path / "new", "auv2-1123-184534-ffff")
     for node in NODES:
         assert opened(environment, node).lost
+    assert "not trusted" in opened(environment, "safety_node").loss_of("planner_node"), "GO is refused"
 
 
 def full(*_: object, **__: object) -> None:
@@ -154,6 +155,7 @@ def test_without_room_for_its_state_a_vehicle_holds(
     monkeypatch.setattr(dive_record, "begin_state", full)
     environment = DiveRecord(tmp_path, 2, mission).begin(tmp_path / "dive", "auv2-1123-184534-3f2a")
     assert "No space left on device. No mission starts" in environment[DOUBT_VARIABLE]
+    assert "is missing" in opened(environment, "safety_node").loss_of("planner_node")
     assert all("is missing" in opened(environment, node).lost for node in NODES)
 
 
@@ -171,6 +173,7 @@ def test_a_dive_of_another_mission_file_that_was_not_ended_holds_the_next_one(tm
     environment = record.begin(tmp_path / "new", "auv2-1123-184534-ffff")
     assert "was not ended" in opened(environment, "safety_node").lost
     assert not opened(environment, "planner_node").lost, "RESET and GO begin the new dive"
+    assert not opened(environment, "safety_node").loss_of("planner_node")
 
 
 def test_a_second_copy_remembers_a_dive_whose_folder_was_removed(tmp_path: Path, mission: Path) -> None:

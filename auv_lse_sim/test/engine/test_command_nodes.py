@@ -20,6 +20,8 @@ from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 from spinning import spun
 
+from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.node.state_file import START_VARIABLE, begin_state
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.records import RunReport
 from auv_lse_common.topics.ros_conversions import header
@@ -140,3 +142,20 @@ def test_a_planner_whose_safety_node_is_silent_counts_no_steps_until_its_state_a
             s.node._on_state(runs)
             s.until(lambda: not planner._blocked_reason)
             s.until(lambda: "safety_node has been silent" in planner._blocked_reason)
+
+
+def test_go_is_refused_in_a_dive_whose_planner_has_lost_its_state(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The vehicle would be RUNNING, and never move."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "journal"))
+    monkeypatch.setenv(START_VARIABLE, "a")
+    for node, lost in (("safety_node", ""), ("planner_node", "its disk was swapped")):
+        begin_state(tmp_path / "journal" / f"auv1.{node}.state", "", lost=lost)
+    with bench(tmp_path) as b:
+        operators = Operators(b)
+        answer = operators.answer(MissionCommand.GO)
+        assert (answer.accepted, answer.state) == (False, MissionState.WAITING)
+        assert answer.message.startswith(
+            "GO: planner_node plans no legs (its disk was swapped). End the dive with Ctrl-C"
+        )
