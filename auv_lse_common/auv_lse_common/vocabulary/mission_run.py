@@ -67,7 +67,7 @@ TRANSITIONS: dict[Command, dict[RunState, RunState | None]] = {
         RunState.WAITING: RunState.HOLDING,
         RunState.RUNNING: RunState.HOLDING,
         RunState.HOLDING: RunState.HOLDING,
-        RunState.ABORTED: None,
+        RunState.ABORTED: RunState.ABORTED,
         RunState.ENDED: RunState.ENDED,
     },
     Command.ABORT: {
@@ -373,6 +373,7 @@ class MissionRun:
         if state is None:
             return
         stop = self._stops.get(command)
-        if command is Command.HOLD and self._stop == _SURFACE and (keep_surface or self.limits):
+        keep_surface = keep_surface or bool(self.limits) or self._state is RunState.ABORTED
+        if command is Command.HOLD and self._stop == _SURFACE and keep_surface:
             stop = _SURFACE
         self._state, self._stop, self._reason = state, stop, reason

@@ -47,7 +47,7 @@ W, R, H, A, E = RunState
         (W, (R, H, H, A, W, E)),
         (R, (R, H, H, A, R, E)),
         (H, (R, H, H, A, H, H)),
-        (A, (None, None, None, A, H, A)),
+        (A, (None, A, A, A, H, A)),
         (E, (None, E, E, A, E, E)),
     ],
 )
@@ -89,6 +89,18 @@ def test_abort_can_lead_to_a_known_position() -> None:
         Stop(action=Action.GO_TO)
     with pytest.raises(ValueError, match=r"TRAVEL does not stop a vehicle; use HOLD, SURFACE or GO_TO"):
         Stop(action=Action.TRAVEL)
+
+
+def test_a_vehicle_on_its_way_after_an_abort_can_be_stopped() -> None:
+    """Somebody is in its way, and RESET may be refused because a limit is exceeded."""
+    for command, stop in ((Command.HOLD, HOLD), (Command.SURFACE, SURFACE)):
+        run = MissionRun(True, Stop(action=Action.GO_TO, position_m=(5.0, -7.0)))
+        run.command(Command.ABORT, "al", team=True)
+        assert run.command(command, "bo") == ""
+        assert (run.status.state, run.status.stop, run.status.team_abort) == (A, stop, True)
+        run.command(Command.HOLD, "bo")
+        assert run.status.stop == stop, "HOLD does not keep it under water"
+        assert run.command(Command.GO, "bo") != ""
 
 
 def test_a_tripped_limit_is_latched_until_reset() -> None:
