@@ -9,7 +9,7 @@ from typing import Any
 from auv_lse_common.support.confinement import confine
 from auv_lse_common.vocabulary.health import LEGS_LEFT, LEGS_PLANNED
 from auv_lse_common.vocabulary.mission_run import Command, RunState
-from auv_lse_run.remote.orders import ACTED, REFUSED, SILENT, Order
+from auv_lse_run.remote.orders import ACTED, ALWAYS, INTERRUPTED, REFUSED, SILENT, Order
 
 _GIVEN = (Command.GO, Command.HOLD, Command.SURFACE, Command.ABORT, Command.RESET)
 _COMMANDS = {command.name.lower(): command for command in _GIVEN}
@@ -71,6 +71,9 @@ class MissionLink:
         calls = CommandCalls(graph, [self._name], _COMMANDS[order.verb], order.team, report, source)
         graph.discover(_FIND_S, calls.step)
         calls.finish()
+        is_sent = self._name in calls.silent and self._name not in calls.unsent
+        if not answers and is_sent and order.verb not in ALWAYS:  # repeated later, it could undo a HOLD
+            return INTERRUPTED, f"its safety_node has not answered, and may have obeyed {order.verb}; see its state"
         if not answers:
             return SILENT, "its safety_node does not answer; are its nodes running?"
         return (ACTED if answers[0].accepted else REFUSED), answers[0].message

@@ -13,6 +13,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from auv_lse_run.inspect import graph_node, mission_calls_node
 from auv_lse_run.inspect import run as mission
+from auv_lse_run.remote.mission_link import MissionLink
+from auv_lse_run.remote.orders import INTERRUPTED, SILENT, Order
 
 pytestmark = pytest.mark.ros
 
@@ -186,3 +188,20 @@ def test_a_vehicle_that_does_not_answer_receives_no_go(
     assert graph.run("auv1", verb="go") == 1
     assert all(r.ask for r in graph.vehicles["auv1"].requests)
     assert capsys.readouterr().err == "auv1: error: no answer, so GO was not sent. Try again\n"
+
+
+@pytest.mark.parametrize(
+    ("verb", "asked", "outcome"), [("go", False, SILENT), ("go", True, INTERRUPTED), ("hold", True, SILENT)]
+)
+def test_an_order_from_the_laptop_is_repeated_only_if_it_cannot_undo_a_later_hold(
+    monkeypatch: pytest.MonkeyPatch, verb: str, asked: bool, outcome: str
+) -> None:
+    """A vehicle that does not answer; `asked`: it has said what time it is."""
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 99)})
+    vehicle, ignored = graph.vehicles["auv1"], SimpleNamespace(done=lambda: False)
+    answer = SimpleNamespace(clock_s=AHEAD_S)
+    heard = SimpleNamespace(done=lambda: True, result=lambda: answer)
+    monkeypatch.setattr(vehicle, "call_async", lambda request: heard if request.ask and asked else ignored)
+    link = MissionLink("auv1", 1)
+    link._graph = graph
+    assert link.give(Order(laptop="a", number=1, verb=verb))[0] == outcome
