@@ -97,7 +97,9 @@ class SafetyNode(VehicleNode):
         self._attentive_s = now_s
 
     def _earliest_s(self) -> float | None:
-        """When a command that states no time may have been given; None: just now."""
+        """When a command that states no time may have been given; None: just now, as always in lockstep."""
+        if self.lockstep:
+            return None
         self._attend()
         in_arrears = self._arrears is not None and self._attentive_s - self._arrears[1] < _ARREARS_S
         return self._arrears[0] if self._arrears is not None and in_arrears else None
