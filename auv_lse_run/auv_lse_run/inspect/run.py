@@ -3,9 +3,10 @@
 import argparse
 import re
 import sys
+import time
 from typing import Any
 
-from auv_lse_common.vocabulary.mission_run import Command, RunState
+from auv_lse_common.vocabulary.mission_run import STALES, Command, RunState
 from auv_lse_common.vocabulary.vehicle_name import vehicle_names
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_run.process.domain import DomainError
@@ -21,6 +22,8 @@ _COMMANDS = {
 _LISTEN_S = 1.0
 #: Why a vehicle of which other nodes run takes no command.
 _MUTE = "its safety_node, which takes commands, hangs or is not running. auv_lse vehicle restarts it: try again"
+#: Time (s) in which a safety_node that hangs is restarted and found.
+_RESTART_S = 20.0
 
 ERRORS = (DomainError,)
 
@@ -73,6 +76,8 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
             graph.discover(options.spin_time)
         else:
             graph.discover(options.spin_time, calls.step)
+        if options.what not in STALES:
+            _wait_for_restart(calls, graph, names)
         calls.finish()
     except KeyboardInterrupt:
         unsent, silent = calls.unsent, [name for name in calls.silent if name not in calls.unsent]
@@ -96,6 +101,20 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     if names is None or len(names) > 1:
         print(f"acknowledged by {len(answered)}: {', '.join(answered) or 'none'}")
     return int(bool(failed))
+
+
+def _wait_for_restart(calls: Any, graph: Any, names: list[str] | None) -> None:
+    """Sends a stop also to the vehicles whose safety_node hangs or has died, once it is back."""
+    from auv_lse_run.inspect.mission_calls_node import out_of_reach
+
+    mute = [name for name in out_of_reach(graph.nodes()) if names is None or name in names]
+    if mute:
+        why = f"its safety_node hangs or is not running; waiting up to {_RESTART_S:g} s for its restart"
+        print(*(f"{name}: {why}" for name in mute), sep="\n", file=sys.stderr, flush=True)
+    end_s = time.monotonic() + _RESTART_S
+    while time.monotonic() < end_s and not {*mute} <= {*calls.acknowledged}:
+        calls.step()
+        graph.spin(0.05)
 
 
 def run_state(options: argparse.Namespace, graph: Any) -> int:

@@ -53,6 +53,7 @@ class _Graph(graph_node.Graph):
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
         monkeypatch.setattr(graph_node, "time", clock)
         monkeypatch.setattr(mission_calls_node, "time", clock)
+        monkeypatch.setattr(mission, "time", clock)
 
     def spin(self, seconds: float) -> None:
         self.now_s += seconds
@@ -137,8 +138,23 @@ def test_a_vehicle_whose_safety_node_hangs_is_named(
         assert graph.run(*words) == 1
         printed = capsys.readouterr()
         assert "acknowledged by 1: auv1" in printed.out
-        assert printed.err.startswith("auv2: error: its safety_node, which takes commands, hangs or is not running")
+        waiting, failed = printed.err.splitlines()
+        assert waiting == "auv2: its safety_node hangs or is not running; waiting up to 20 s for its restart"
+        assert failed.startswith("auv2: error: its safety_node, which takes commands, hangs or is not running")
         assert "auv3" not in printed.err, "a user's driver"
+
+
+@pytest.mark.parametrize(("verb", "calls"), [("hold", 1), ("go", 0)])
+def test_a_stop_waits_for_the_restart_of_a_safety_node_and_go_does_not(
+    monkeypatch: pytest.MonkeyPatch, verb: str, calls: int
+) -> None:
+    """It takes 10 s until a safety_node that hangs is killed: who stops a vehicle must not have to try again."""
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 0), "auv2": (12.0, 0)})
+    nodes = graph.nodes
+    monkeypatch.setattr(graph, "nodes", lambda hidden=False: [*nodes(), "/auv2/gp_node"])
+    assert graph.run("all", verb=verb) == 1 - calls
+    assert len(graph.vehicles["auv2"].calls_s) == calls
+    assert len(graph.vehicles["auv1"].calls_s) > 0
 
 
 def test_without_a_vehicle_the_command_fails(monkeypatch: pytest.MonkeyPatch) -> None:
