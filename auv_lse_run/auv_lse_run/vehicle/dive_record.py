@@ -43,6 +43,8 @@ from auv_lse_common.vocabulary.mission_run import RunState
 #: What a record must have.
 _KEYS = {"mission", "out", "journals", "second", "dive", "over"}
 
+_START_AGAIN = "End the dive with Ctrl-C at the surface, and start again"
+
 
 class StateFolderError(OSError):
     """The mission state cannot be stored."""
@@ -72,6 +74,7 @@ class DiveRecord:
     Attributes:
         continued: Folder for logs and recording of the dive to continue; None: a new dive begins.
         doubt: Why the vehicle must hold; "" if everything that is left of earlier dives is trusted.
+        cure: What to do then.
         copies_problem: Why there are no second copies of a new dive's state files; "" if there are.
     """
 
@@ -111,6 +114,8 @@ class DiveRecord:
             elif not simulated:
                 doubts.append(f"dive {found['dive']} with another mission file was not ended")
         self.doubt = "; ".join(doubts)
+        plans = not self._is_lost and not (self.continued and self._state(found, "planner_node")[1])
+        self.cure = "RESET and GO continue" if plans else _START_AGAIN
         if self.continued is None:
             self._values = {}
 
@@ -148,7 +153,7 @@ class DiveRecord:
                 )
                 if self._simulated:
                     raise StateFolderError(reason) from error
-                self.doubt = "; ".join(filter(None, (self.doubt, reason)))
+                self.doubt, self.cure = "; ".join(filter(None, (self.doubt, reason))), _START_AGAIN
         return {
             FOLDER_VARIABLE: self._values["journals"],
             DIVE_VARIABLE: self._values["dive"],

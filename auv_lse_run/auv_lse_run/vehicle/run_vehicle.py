@@ -318,7 +318,7 @@ def run(options: argparse.Namespace) -> int:
         lockstep = " in lockstep" if processes.lockstep else ""
         follows = f", following the simulator{lockstep}" if processes.simulated else ""
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
-        doubt = record.doubt and f"holds until RESET: {record.doubt}"
+        doubt = record.doubt and f"holds: {record.doubt}. {record.cure}"
         for text in ignored:
             _say(f"warning: {text}")
         for text in filter(None, (doubt, record.copies_problem, loopback_problem())):

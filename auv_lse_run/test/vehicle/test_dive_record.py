@@ -125,6 +125,19 @@ def test_a_dive_whose_safety_state_is_torn_is_continued(tmp_path: Path, mission:
     assert DiveRecord(tmp_path, 2, mission).continued is not None
 
 
+@pytest.mark.parametrize(
+    ("node", "cure"), [("planner_node", "End the dive with Ctrl-C"), ("modem_node", "RESET and GO continue")]
+)
+def test_the_start_names_what_lets_a_vehicle_go_on(tmp_path: Path, mission: Path, node: str, cure: str) -> None:
+    _, environment = begun(tmp_path, mission, RunState.RUNNING, True)
+    path = Path(environment[FOLDER_VARIABLE]) / f"auv2.{node}.state"
+    path.write_bytes(path.read_bytes()[:-1])
+    again = DiveRecord(tmp_path, 2, mission)
+    assert again.continued is not None
+    assert node in again.doubt
+    assert again.cure.startswith(cure)
+
+
 def test_with_a_damaged_record_the_nodes_trust_nothing(tmp_path: Path, mission: Path) -> None:
     begun(tmp_path, mission, RunState.RUNNING, True)
     path = tmp_path / "auv2.dive"
@@ -135,6 +148,7 @@ def test_with_a_damaged_record_the_nodes_trust_nothing(tmp_path: Path, mission: 
     for node in NODES:
         assert opened(environment, node).lost
     assert "not trusted" in opened(environment, "safety_node").loss_of("planner_node"), "GO is refused"
+    assert again.cure.startswith("End the dive with Ctrl-C")
 
 
 def full(*_: object, **__: object) -> None:
@@ -170,6 +184,7 @@ def test_a_dive_of_another_mission_file_that_was_not_ended_holds_the_next_one(tm
     mission.write_text("another")
     record = DiveRecord(tmp_path, 2, mission)
     assert "was not ended" in record.doubt
+    assert record.cure == "RESET and GO continue"
     environment = record.begin(tmp_path / "new", "auv2-1123-184534-ffff")
     assert "was not ended" in opened(environment, "safety_node").lost
     assert not opened(environment, "planner_node").lost, "RESET and GO begin the new dive"

@@ -340,9 +340,7 @@ def test_nodes_whose_state_is_not_trusted_hold_and_surface(tmp_path: Path, monke
         assert of_planner[0].level == DiagnosticStatus.ERROR
         assert "not trusted" in of_planner[0].message
         stamps = [w.header.stamp.sec + w.header.stamp.nanosec * 1e-9 for w in waypoints]
-        assert all(s < restarted_s for s in stamps), (
-            "a mission must not restart at its first leg"
-        )
+        assert all(s < restarted_s for s in stamps), "a mission must not restart at its first leg"
 
 
 def test_the_watch_goes_on_while_the_disk_is_stuck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
