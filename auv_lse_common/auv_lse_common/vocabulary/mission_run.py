@@ -350,7 +350,7 @@ class MissionRun:
         if age_s < 0.0:
             return "the vehicle's computer has restarted since it was given. Give it again"
         if age_s > VALID_S:
-            return f"it was given up to {age_s:.0f} s ago, and is void after {VALID_S:g} s. Give it again"
+            return f"it may be up to {age_s:.0f} s old, and is void after {VALID_S:g} s. Give it again"
         for later in STALES[command]:
             if given_s < self._received_s.get(later.name, -math.inf) <= now_s:
                 now = f"{self.status.state.name}: {self.status.reason}".rstrip(": ")
