@@ -153,12 +153,15 @@ def test_a_vehicle_whose_safety_node_is_silent_surfaces_until_its_state_arrives(
     with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
         targets = s.node._autopilot.link._targets
         runs = RunReport(stamp_s=1.0, revision=1, status=RunStatus(state=RunState.RUNNING, stop=None))
+        shown: list[str] = []
+        monkeypatch.setattr(s.node, "report_on_terminal", shown.append)
         started_s = time.monotonic()
         s.node._on_state(runs)
         s.until(lambda: targets.stopped)
         assert time.monotonic() - started_s > 2.0
         assert targets._stop == surface
-        s.until(lambda: any("safety_node has been silent" in log.msg for log in s.logs))
+        assert len(shown) == 1
+        assert "safety_node has been silent" in shown[0]
         s.node._on_state(runs)
         assert not targets.stopped, "it continues"
         held = RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.HOLD))
