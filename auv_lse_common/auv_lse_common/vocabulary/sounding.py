@@ -46,8 +46,8 @@ class Soundings:
     east_m: Array
     depth_m: Array
     raw_north_m: Array = math.nan  # type: ignore[assignment]  # broadcast to (n,)
-    raw_east_m: Array = math.nan  # type: ignore[assignment]
-    vehicle: Ints = 0  # type: ignore[assignment]
+    raw_east_m: Array = math.nan  # type: ignore[assignment]  # broadcast to (n,)
+    vehicle: Ints = 0  # type: ignore[assignment]  # broadcast to (n,)
 
     def __post_init__(self) -> None:
         """Makes every column an array of the same length.
