@@ -120,7 +120,9 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     import numba  # here, because numba is optional
 
     before = numba.config.CACHE_DIR
-    folder = cache_folder(_package_of(Path(function.__code__.co_filename).resolve()))
+    file = Path(function.__code__.co_filename).resolve()
+    function.__code__ = function.__code__.replace(co_filename=str(file))  # numba's cache goes by it: one for all links
+    folder = cache_folder(_package_of(file))
     numba.config.CACHE_DIR = folder  # read when a function is decorated; if it is not writable, numba looks elsewhere
     try:
         result: Callable[..., Any] = numba.njit(cache=True, fastmath=False)(function)

@@ -88,3 +88,23 @@ def test_a_function_runs_although_the_disk_takes_no_code(tmp_path: Path) -> None
     spec.loader.exec_module(module)
     with full_disk(100):
         assert module.doubled(21) == 42
+
+
+def test_what_set_up_compiled_is_used_under_every_path_of_the_same_file(tmp_path: Path) -> None:
+    """colcon's symlinks lead to the sources, which the tests import directly: compiling takes half a minute."""
+    pytest.importorskip("numba")
+    package = tmp_path / "source" / "package"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "loops.py").write_text(
+        "from auv_lse_common.support.compiled import compiled\n\n@compiled\ndef tripled(x):\n    return 3 * x\n"
+    )
+    (tmp_path / "built").symlink_to(tmp_path / "source")
+    hits = []
+    for folder in ("built", "source"):
+        spec = importlib.util.spec_from_file_location("package.loops", tmp_path / folder / "package" / "loops.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        assert module.tripled(14) == 42
+        hits.append(sum(module.tripled.stats.cache_hits.values()))
+    assert hits == [0, 1]
