@@ -8,13 +8,14 @@ import sys
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.reach import clip_to_reachable
 
 
 def main() -> int:
-    """Runs the first ticks of a short mission with each kind of search."""
-    for method in ("augmented", "tour"):
-        overrides = {"mission.vehicles": 2, "mission.steps": 4, "planner.method": method, "planner.iterations": 20}
-        settings = Settings.load(None, overrides)
+    """Runs the first ticks of a short mission with each kind of search; one vehicle alone also plans routes."""
+    for method, vehicles, steps in (("augmented", 2, 4), ("tour", 2, 4), ("tour", 1, 12)):
+        overrides = {"mission.vehicles": vehicles, "mission.steps": steps, "planner.method": method}
+        settings, _ = clip_to_reachable(Settings.load(None, {**overrides, "planner.iterations": 20}))
         fleet = Fleet(settings, ground_of(settings))
         for _ in range(25):
             fleet.tick()
