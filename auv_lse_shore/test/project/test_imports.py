@@ -1,6 +1,7 @@
 """The modules import each other in one direction, and what computes imports nothing that draws."""
 
 import ast
+import functools
 import re
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -30,6 +31,7 @@ def modules():
     return names
 
 
+@functools.cache
 def imports():
     """The modules of the project that each module imports."""
     paths = modules()
