@@ -15,7 +15,7 @@ from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_dep
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.health import Health, Level
-from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, RunState, Stop
+from auv_lse_common.vocabulary.mission_run import VALID_S, Action, Command, MissionRun, RunState, Stop
 from auv_lse_planner.battery_watch import BatteryWatch
 
 
@@ -71,7 +71,13 @@ class Safety:
         )
 
     def command(
-        self, command: Command, source: str, team: bool = False, given_s: float | None = None, now_s: float = 0.0
+        self,
+        command: Command,
+        source: str,
+        team: bool = False,
+        given_s: float | None = None,
+        now_s: float = 0.0,
+        valid_s: float = VALID_S,
     ) -> str:
         """Gives the mission a command; returns why it is refused, "" if it is accepted.
 
@@ -86,7 +92,7 @@ class Safety:
             refusal, self.battery.warning = self.battery.answer_go(self.watch.charge)
             if refusal:
                 return f"GO: {refusal}"
-        refusal = self.run.command(command, source, team, given_s, now_s)
+        refusal = self.run.command(command, source, team, given_s, now_s, valid_s)
         self.battery.went = self.battery.went or (command is Command.GO and not refusal)
         return refusal
 

@@ -41,6 +41,7 @@ class SafetyNode(VehicleNode):
         super().__init__("safety_node")
         self._safety = Safety.of(self.parameters, self.where, self.vehicle, waits=bool(os.environ.get(WAIT_VARIABLE)))
         doubt = os.environ.get(DOUBT_VARIABLE, "")
+        self._safety.run.note_start(time.monotonic())
         self._safety.recover(self.state.values, self.state.lost, self.state.rebooted, doubt)
         self._keep()
         self.show_parameters(
@@ -82,7 +83,7 @@ class SafetyNode(VehicleNode):
             self.get_logger().warning(f"refused: {refused}")
 
     def _on_call(self, request: Any, response: Any) -> Any:
-        refused = "" if request.ask else self._command(decode_order(request.command), request.given_s)
+        refused = "" if request.ask else self._command(decode_order(request.command), request.given_s, request.valid_s)
         status = self._safety.run.status
         response.accepted, response.state = not refused, int(status.state)
         response.message = refused or f"{status.state.name}: {status.reason}".rstrip(": ")
@@ -104,7 +105,7 @@ class SafetyNode(VehicleNode):
         in_arrears = self._arrears is not None and self._attentive_s - self._arrears[1] < _ARREARS_S
         return self._arrears[0] if self._arrears is not None and in_arrears else None
 
-    def _command(self, order: MissionOrder, given_s: float = 0.0) -> str:
+    def _command(self, order: MissionOrder, given_s: float = 0.0, valid_s: float = 0.0) -> str:
         try:
             command = Command(order.command)
         except ValueError:
@@ -113,7 +114,7 @@ class SafetyNode(VehicleNode):
         if command is Command.GO and (loss := self.state.loss_of("planner_node")):
             return f"GO: planner_node plans no legs ({loss}). End the dive with Ctrl-C at the surface, and start again"
         given = given_s or self._earliest_s()
-        refused = self._safety.command(command, source, order.team, given, time.monotonic())
+        refused = self._safety.command(command, source, order.team, given, time.monotonic(), valid_s or VALID_S)
         self._keep()  # an accepted command outlives this process
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused

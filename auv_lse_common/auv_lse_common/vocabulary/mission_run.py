@@ -10,8 +10,8 @@ trusted depth; once the vehicle has moved, the limits watch both. Commands can o
 limit: HOLD does not replace SURFACE.
 
 GO and RESET can set a vehicle in motion, so they are void if they arrive late, or after a command that was given later
-and keeps it where it is. A command is as old as its sender states, by the vehicle's own clock (RunMission.srv). All
-other commands act whenever they arrive.
+and keeps it where it is, or before the vehicle's start. A command is as old as its sender states, by the vehicle's own
+clock (RunMission.srv). All other commands act whenever they arrive.
 
 After a reboot of the vehicle's computer (`pause`, then `after_reboot`) a mission that ran holds until the vehicle's
 depth is known. Under water it then resumes or surfaces. At the surface it waits for GO, which can reach it there.
@@ -86,8 +86,11 @@ STALES: dict[Command, tuple[Command, ...]] = {
     Command.GO: (Command.HOLD, Command.SURFACE, Command.ABORT, Command.RESET),
     Command.RESET: (Command.HOLD, Command.SURFACE, Command.ABORT),
 }
-#: Time (s) after which they are void.
+#: Time (s) after which they are void if their sender states none. Such a GO may precede the nodes it is meant for.
 VALID_S = 10.0
+
+#: The start of a dive, among the times of commands.
+_START = "start"
 
 #: Stops by their names in parameters.
 STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
@@ -215,10 +218,20 @@ class MissionRun:
         self._not_ready = self._paused = ""
         self._travelled = False
         self._team_abort = False
-        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT and RESET came last, by their names
+        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT, RESET came last, and _START
+
+    def note_start(self, now_s: float) -> None:
+        """Notes when the dive starts, by the clock of commands; `restore` replaces it by when it first did."""
+        self._received_s[_START] = now_s
 
     def command(
-        self, command: Command, source: str, team: bool = False, given_s: float | None = None, now_s: float = 0.0
+        self,
+        command: Command,
+        source: str,
+        team: bool = False,
+        given_s: float | None = None,
+        now_s: float = 0.0,
+        valid_s: float = VALID_S,
     ) -> str:
         """Executes a command.
 
@@ -226,12 +239,13 @@ class MissionRun:
             source: Sender, as a text for operators.
             team: With ABORT: whether to send it to the team mates.
             given_s: When it was given, by the clock of `now_s`; None: just now.
-            now_s: The time, by a clock that is never set while the computer runs.
+            now_s: The time, by a clock that is never set while the computer runs: seconds since its start.
+            valid_s: For how long a GO or RESET counts (s).
 
         Returns:
             Reason of the refusal; "" if it is accepted.
         """
-        if refusal := self._staleness(command, given_s, now_s) or self._refusal(command):
+        if refusal := self._staleness(command, given_s, now_s, valid_s) or self._refusal(command):
             return f"{command.name}: {refusal}"
         if command in STALES[Command.GO]:
             self._received_s[command.name] = now_s
@@ -342,15 +356,17 @@ class MissionRun:
             limits=tuple(f"{name}: {reason}" for name, reason in self.limits.items()),
         )
 
-    def _staleness(self, command: Command, given_s: float | None, now_s: float) -> str:
+    def _staleness(self, command: Command, given_s: float | None, now_s: float, valid_s: float) -> str:
         """Why a command comes too late; "" if it does not. A time beyond `now_s` is from before a reboot."""
         if given_s is None or command not in STALES:
             return ""
         age_s = now_s - given_s
-        if age_s < 0.0:
+        if age_s < 0.0 or given_s < 0.0:
             return "the vehicle's computer has restarted since it was given. Give it again"
-        if age_s > VALID_S:
-            return f"it may be up to {age_s:.0f} s old, and is void after {VALID_S:g} s. Give it again"
+        if age_s > valid_s:
+            return f"it may be up to {age_s:.0f} s old, and is void after {valid_s:g} s. Give it again"
+        if age_s > VALID_S and given_s < self._received_s.get(_START, -math.inf) <= now_s:
+            return "the vehicle's nodes have started since it was given. Give it again"
         for later in STALES[command]:
             if given_s < self._received_s.get(later.name, -math.inf) <= now_s:
                 now = f"{self.status.state.name}: {self.status.reason}".rstrip(": ")

@@ -162,6 +162,33 @@ def test_commands_from_before_a_reboot_do_not_count() -> None:
     assert run.command(Command.GO, "al", given_s=50.0, now_s=51.0) == ""
 
 
+def test_an_order_that_waited_for_the_vehicle_counts_as_long_as_its_operator_wants() -> None:
+    late = {"given_s": 1000.0, "now_s": 1300.0}
+    assert in_state(W).command(Command.GO, "al", valid_s=600.0, **late) == ""
+    refusal = in_state(W).command(Command.GO, "al", valid_s=200.0, **late)
+    assert refusal == "GO: it may be up to 300 s old, and is void after 200 s. Give it again"
+    run = in_state(W)
+    run.command(Command.HOLD, "bo", now_s=1290.0)
+    assert "HOLD was given after it" in run.command(Command.GO, "al", valid_s=600.0, **late)
+
+
+@pytest.mark.parametrize("command", [Command.GO, Command.RESET])
+def test_an_order_from_before_the_vehicle_started_is_void(command: Command) -> None:
+    rebooted = in_state(H).command(command, "al", given_s=-200.0, now_s=100.0, valid_s=600.0)
+    assert "has restarted since" in rebooted
+    run = in_state(H)
+    run.note_start(1200.0)
+    again = MissionRun(at_once=False, on_abort=SURFACE)
+    again.note_start(1250.0)
+    again.restore(json.loads(json.dumps(run.snapshot())))  # a restarted node continues the same dive
+    for one in (run, again):
+        refusal = one.command(command, "al", given_s=1000.0, now_s=1300.0, valid_s=600.0)
+        assert "nodes have started since it was given" in refusal
+        assert one.command(command, "al", given_s=1201.0, now_s=1300.0, valid_s=600.0) == ""
+    run.note_start(1299.0)
+    assert run.command(command, "al", given_s=1295.0, now_s=1300.0, valid_s=600.0) == "", "meant for what starts"
+
+
 def test_unready_autopilot_delays_the_mission_and_later_holds_it() -> None:
     run = MissionRun(at_once=True, on_abort=SURFACE)
     run.set_ready("the autopilot is not armed")

@@ -65,8 +65,10 @@ class CommandCalls:
         team: bool,
         report: Callable[[str, Any], None],
         source: str = "",
+        given_s: float | None = None,
+        valid_s: float = 0.0,
     ) -> None:
-        """Sends nothing yet. The command counts as given now.
+        """Sends nothing yet.
 
         Args:
             graph: The node that calls; any object with its `node` will do where vehicles are named and `finish` is not
@@ -75,10 +77,13 @@ class CommandCalls:
             team: With ABORT: whether to send it to the team mates by acoustic packet.
             report: Called with each vehicle's name and its first answer (RunMission.Response).
             source: The sender; "": this process's user.
+            given_s: When the command was given, by this computer's steady clock; None: now.
+            valid_s: For how long it counts (s); 0: as RunMission.srv has it.
         """
         self._graph, self._names, self._report = graph, names, report
         message = MissionCommand(command=int(command), source=source or getpass.getuser(), team=team)
-        self._message, self._began_s = message, time.monotonic()
+        self._message, self._valid_s = message, valid_s
+        self._began_s = time.monotonic() if given_s is None else given_s
         self._asks_first = command in STALES
         self._calls: dict[str, _Call] = {}
 
@@ -134,7 +139,7 @@ class CommandCalls:
         elif (call.first_s is None or now_s - call.last_s >= _REPEAT_S) and call.client.service_is_ready():
             call.first_s, call.last_s = now_s if call.first_s is None else call.first_s, now_s
             asks, given_s = call.given_s is None, call.given_s or 0.0
-            request = RunMission.Request(command=self._message, ask=asks, given_s=given_s)
+            request = RunMission.Request(command=self._message, ask=asks, given_s=given_s, valid_s=self._valid_s)
             call.futures.append(call.client.call_async(request))
 
     def _is_waiting(self) -> bool:

@@ -68,7 +68,8 @@ class MissionLink:
         graph, answers = self._joined(), []
         source = f"{order.name or order.laptop} (order {order.number})"
         report: Callable[[str, Any], None] = lambda _, answer: answers.append(answer)
-        calls = CommandCalls(graph, [self._name], _COMMANDS[order.verb], order.team, report, source)
+        age = (order.given_s, order.valid_s)
+        calls = CommandCalls(graph, [self._name], _COMMANDS[order.verb], order.team, report, source, *age)
         graph.discover(_FIND_S, calls.step)
         calls.finish()
         is_sent = self._name in calls.silent and self._name not in calls.unsent

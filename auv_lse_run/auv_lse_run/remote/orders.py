@@ -7,7 +7,9 @@ decides about each delivery:
 
 - An order that was answered is not executed again: its answer is repeated.
 - An order that was recorded and not answered (power failed in between) is executed again, because executing twice is
-  harmless. If a later order was recorded, it is not: an old GO must not follow a HOLD.
+  harmless. If a later order was recorded, it is not.
+- GO and RESET state when they were given, by the vehicle's clock, for which the laptop asks first. `safety_node` voids
+  them if they are older than their limit, a later HOLD, SURFACE or ABORT from anywhere, or the vehicle's start.
 - A number below the highest one is never executed, so what the network delivers late has no effect.
 - An order that reaches the vehicle too long after the vehicle's own hello is stale. It was on its way through a link
   that hung. The laptop may repeat it in a new session. No clocks are compared.
@@ -19,6 +21,7 @@ is never executed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -54,6 +57,8 @@ class Order:
         verb: One of `VERBS`.
         team: With abort: whether the team mates are aborted, too, by acoustic packet.
         name: The laptop and its user, for people.
+        given_s: When it was given, by the vehicle's steady clock: seconds since its start; None: not known.
+        valid_s: With `given_s`: for how long it counts (s).
     """
 
     laptop: str
@@ -61,6 +66,8 @@ class Order:
     verb: str
     team: bool = False
     name: str = ""
+    given_s: float | None = None
+    valid_s: float = 0.0
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Order:
@@ -75,11 +82,16 @@ class Order:
             verb=values.get("verb", ""),
             team=values.get("team", False) is True,
             name=str(values.get("name", ""))[:_MAX_NAME],
+            given_s=values.get("given_s"),
+            valid_s=values.get("valid_s", 0.0),
         )
         if not isinstance(order.laptop, str) or not 0 < len(order.laptop) <= _MAX_NAME:
             raise OrderError(f"The order names no laptop: {order.laptop!r}.")
         if type(order.number) is not int or not 0 < order.number < _MAX_NUMBER:
             raise OrderError(f"The order has no valid number: {order.number!r}.")
+        for value in (order.given_s or 0.0, order.valid_s):
+            if not isinstance(value, int | float) or not math.isfinite(value):
+                raise OrderError(f"The order has no valid time: {value!r}.")
         if order.verb not in VERBS:
             raise OrderError(f"{order.verb!r} is not an order. Orders are {', '.join(VERBS)}.")
         return order

@@ -134,7 +134,7 @@ class Session:
         self._actor: Actor = actor or NodeActor(folder, number, domain)
         self._began_s = time.monotonic()
         self._requests: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
-            "clock": lambda _: {"clock_s": datetime.now(UTC).timestamp()},
+            "clock": lambda _: {"clock_s": datetime.now(UTC).timestamp(), "steady_s": time.monotonic()},
             "facts": self._facts,
             "state": self._state,
             "order": self._order,

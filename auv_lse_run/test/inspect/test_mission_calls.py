@@ -14,7 +14,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 from auv_lse_run.inspect import graph_node, mission_calls_node
 from auv_lse_run.inspect import run as mission
 from auv_lse_run.remote.mission_link import MissionLink
-from auv_lse_run.remote.orders import INTERRUPTED, SILENT, Order
+from auv_lse_run.remote.orders import ACTED, INTERRUPTED, SILENT, Order
 
 pytestmark = pytest.mark.ros
 
@@ -187,6 +187,19 @@ def test_what_may_move_a_vehicle_is_sent_with_the_time_of_the_vehicle_at_which_i
         requests = graph.vehicles[name].requests
         assert [r.ask for r in requests] == [True] * asked + [False]
         assert AHEAD_S - 0.11 <= requests[-1].given_s <= AHEAD_S, "when the operator gave it, or just before"
+
+
+def test_a_go_of_the_fleet_is_sent_with_the_time_at_which_its_operator_gave_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    graph = _Graph(monkeypatch, {"auv1": (0.5, 0)})
+    graph.now_s = 400.0
+    link = MissionLink("auv1", 1)
+    link._graph = graph
+    order = Order(laptop="a", number=1, verb="go", given_s=100.0, valid_s=600.0)
+    assert link.give(order)[0] == ACTED
+    sent = graph.vehicles["auv1"].requests[-1]
+    assert (sent.ask, sent.given_s, sent.valid_s) == (False, pytest.approx(AHEAD_S + 100.0, abs=0.11), 600.0)
 
 
 def test_a_stop_is_sent_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -115,7 +115,7 @@ def test_old_answers_are_forgotten_and_their_orders_stay_executed() -> None:
 
 
 @pytest.mark.parametrize(
-    "values", [{"laptop": ""}, {"number": 0}, {"number": True}, {"number": 2**40}, {"verb": "fly"}]
+    "values", [{"laptop": ""}, {"number": 0}, {"number": True}, {"number": 2**40}, {"verb": "fly"}, {"given_s": "soon"}]
 )
 def test_an_impossible_order_is_refused(values: dict[str, object]) -> None:
     with pytest.raises(OrderError):

@@ -1,15 +1,18 @@
 """Delivers the orders that are due to one vehicle, in one session, again and again until they are answered."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Protocol
+from typing import Any, Protocol
 
+from auv_lse_common.vocabulary.mission_run import STALES
 from auv_lse_run.remote.orders import FOREIGN
 from auv_lse_shore.remote.ledger import Given, Ledger
 from auv_lse_shore.remote.ssh import RemoteSession, VehicleError
 
 #: Longest wait (s) for the answer to an order: starting nodes takes some.
 ANSWER_S = 60.0
+#: Orders that are void if they arrive late.
+_DATED = frozenset(command.name.lower() for command in STALES)
 
 
 class Ledgers(Protocol):
@@ -45,13 +48,26 @@ def deliver(asking: RemoteSession, ledgers: Ledgers, vehicle: str, name: str, cl
             tried.add((what, order.number))
             ledger.note_sent(vehicle, order.number)
             laptop = ledger.laptop
-        trouble = _sent(asking, ledgers, vehicle, what, order, (laptop, name)) or trouble
+        values = {"number": order.number, "verb": order.verb, "team": order.team, "laptop": laptop, "name": name}
+        trouble = _sent(asking, ledgers, vehicle, what, order, values, clock) or trouble
 
 
-def _sent(asking: RemoteSession, ledgers: Ledgers, vehicle: str, what: str, order: Given, who: tuple[str, str]) -> str:
+def _sent(
+    asking: RemoteSession,
+    ledgers: Ledgers,
+    vehicle: str,
+    what: str,
+    order: Given,
+    values: Mapping[str, Any],
+    clock: Callable[[], float],
+) -> str:
     """Sends one order, and notes its answer; returns why it is not settled."""
-    values = {"number": order.number, "verb": order.verb, "team": order.team, "laptop": who[0], "name": who[1]}
     try:
+        if what == "order" and order.verb in _DATED:  # by the vehicle's clock, a little too early if the answer is slow
+            steady_s = asking.ask("clock", ANSWER_S).get("steady_s")
+            if steady_s is None:
+                return f"Its software cannot tell how old {order.verb} is. Update it to this laptop's version."
+            values = {**values, "given_s": steady_s - (clock() - order.given_s), "valid_s": order.valid_s}
         answer = asking.ask(what, ANSWER_S, b"", **values)
     except VehicleError as error:
         return str(error)

@@ -49,6 +49,11 @@ class Given:
     at: str = ""
 
     @property
+    def valid_s(self) -> float:
+        """How long it counts (s)."""
+        return self.expires_s - self.given_s
+
+    @property
     def is_open(self) -> bool:
         """Whether something is still to be done."""
         return self.status in (PENDING, UNKNOWN)
@@ -90,13 +95,13 @@ class Ledger:
         own = {"laptop": self.laptop, "sent": dict(self.sent), "checked": dict(self.checked)}
         return own | {"last": dict(self._last), "orders": orders}
 
-    def give(self, vehicle: str, verb: str, now_s: float, valid_s: float = 0.0, team: bool = False) -> Given:
+    def give(self, vehicle: str, verb: str, now_s: float, valid_s: float = 600.0, team: bool = False) -> Given:
         """A new order to a vehicle; drops those that it replaces.
 
         Args:
             vehicle: "auv2".
             now_s: The laptop's clock (s).
-            valid_s: How long it counts (s); 0: always. Safe orders always count.
+            valid_s: How long it counts (s). Safe orders always count.
             team: With abort: also by acoustic packet.
 
         Raises:
@@ -107,7 +112,7 @@ class Ledger:
         if verb in ALWAYS:
             self.drop(vehicle)
         number = self._last[vehicle] = self._last.get(vehicle, 0) + 1
-        expires_s = now_s + valid_s if valid_s and verb not in ALWAYS else 0.0
+        expires_s = now_s + valid_s if verb not in ALWAYS else 0.0
         order = Given(number, verb, team, now_s, expires_s)
         kept = self._orders.get(vehicle, [])
         settled = [found.number for found in kept if not found.is_open][:-_MAX_SETTLED]
@@ -130,7 +135,8 @@ class Ledger:
         """Orders that have expired count no more."""
         for vehicle, orders in self._orders.items():
             for order in orders:
-                if order.is_open and order.counts and order.expires_s and now_s >= order.expires_s:
+                is_valid = order.verb in ALWAYS or order.given_s <= now_s < order.expires_s  # else: clock set back
+                if order.is_open and order.counts and not is_valid:
                     status = EXPIRED if order.status == PENDING else UNKNOWN
                     self._set(vehicle, replace(order, counts=False, status=status))
 

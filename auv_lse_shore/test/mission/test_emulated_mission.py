@@ -112,10 +112,10 @@ def test_ardusub_flies_a_mission_to_its_end_but_more_slowly(direct: RunData, tmp
 
 
 def test_a_paced_mission_with_autopilots_ends_early_at_its_recovery_position(tmp_path: Path) -> None:
-    until = ("--vehicles", "1", "--steps", "40", "--set", "mission.until.undiscovered_m=5000.0", "--set", "planner.method=plain")
+    until = ("--steps", "40", "--set", "mission.until.undiscovered_m=5000.0", "--set", "planner.method=plain")
     position = ("--set", "vehicle.recovery_north_m=120.0", "--set", "vehicle.recovery_east_m=60.0")
     paced = ("--vehicle-link", "mavlink", "--real-time-factor", "20", "--set", "vehicle.at_end=go_to")
-    run = fly(tmp_path / "run", *until, *position, *paced)
+    run = fly(tmp_path / "run", "--vehicles", "1", *until, *position, *paced)
     for vehicle in run.vehicles:
         assert len(vehicle.decisions) < 40
         assert vehicle.decisions[-1].now_s > PERIOD_S + CLOSE_PERIOD_S, "after two judgements"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -113,6 +114,54 @@ def test_a_go_that_an_abort_replaces_is_not_executed_wherever_it_was(tmp_path: P
     assert actor.executed == [(3, "abort")]
     with kept.changed() as ledger:
         assert [ledger.find("auv1", n).status for n in (1, 2, 3)] == ["overtaken", DROPPED, ACTED]
+
+
+class Timed(Noting):
+    """Notes how old each order is when it is executed, and for how long it counts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ages_s: list[tuple[float | None, float]] = []
+
+    def act(self, order: Order) -> tuple[str, str]:
+        age_s = None if order.given_s is None else time.monotonic() - order.given_s
+        self.ages_s.append((age_s, order.valid_s))
+        return super().act(order)
+
+
+@pytest.mark.parametrize("verb", ["go", "reset"])
+def test_a_vehicle_knows_how_old_an_order_is_that_may_move_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    """Pending for 300 s, then 15 s in the link."""
+    kept, actor, vehicle_s = Kept(), Timed(), [5000.0]
+    monkeypatch.setattr(time, "monotonic", lambda: vehicle_s[0])
+    with kept.changed() as ledger:
+        ledger.give("auv1", verb, 1000.0, valid_s=600.0)
+    session = Session(tmp_path, 1, 230, actor)
+
+    class Slow:
+        def ask(self, what: str, wait_s: float, data: bytes = b"", **values: Any) -> dict[str, Any]:
+            vehicle_s[0] += 15.0 * (what == "order")
+            return session.answer({"ask": what, **values})
+
+    assert deliver(Slow(), kept, "auv1", "boat", lambda: 1300.0) == ""
+    assert actor.ages_s == [(315.0, 600.0)]
+
+
+def test_an_order_is_not_sent_after_the_laptops_clock_was_set_back() -> None:
+    """Nobody knows how old it is."""
+    ledger = Ledger("one")
+    ledger.give("auv1", "go", 1000.0, valid_s=600.0)
+    ledger.expire(900.0)
+    assert ledger.find("auv1", 1).status == EXPIRED
+
+
+def test_an_order_that_must_not_wait_expires_at_once() -> None:
+    ledger = Ledger("one")
+    ledger.give("auv1", "go", 1000.0, valid_s=0.0)
+    ledger.expire(1000.0)
+    assert ledger.find("auv1", 1).status == EXPIRED
 
 
 def test_a_pending_go_expires_and_a_safe_order_does_not() -> None:

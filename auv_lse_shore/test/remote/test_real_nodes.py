@@ -13,6 +13,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from auv_lse_run.command.main import main
 from auv_lse_run.process.domain import own_domain
+from auv_lse_shore.remote.checking import utc_s
+from auv_lse_shore.remote.ledger_file import LedgerFile
 from benchmarks.field.sshd import Field, lacks_sshd, side_command
 
 pytestmark = [pytest.mark.ros, pytest.mark.mission, pytest.mark.skipif(bool(lacks_sshd()), reason=lacks_sshd())]
@@ -61,6 +63,12 @@ def test_a_dive_from_start_to_stop(tmp_path: Path, capsys: pytest.CaptureFixture
             code, text = fleet("send", str(tmp_path / "vehicles.yaml"))
             assert code == 1
             assert "a dive is running" in text
+            with LedgerFile(made.fleet_file({"auv1": vehicle})).changed() as ledger:  # out of reach
+                ledger.give("auv1", "go", utc_s())
+            assert main(["hold", "1", "--domain", str(free)]) == 0
+            code, text = fleet("pending")
+            assert "GO refused" in text
+            assert "HOLD was given after it" in text
             assert "HOLD acted" in fleet("hold")[1]
             assert "ABORT acted" in fleet("abort")[1]
             code, text = fleet("go", "--anyway")

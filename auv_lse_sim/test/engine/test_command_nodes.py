@@ -30,6 +30,8 @@ from auv_lse_msgs.msg import MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
 from auv_lse_planner import planner_node
 from auv_lse_run.inspect.mission_calls_node import CommandCalls
+from auv_lse_run.remote.mission_link import MissionLink
+from auv_lse_run.remote.orders import ACTED, REFUSED, Order
 
 pytestmark = pytest.mark.ros
 
@@ -127,6 +129,27 @@ def test_go_that_arrives_again_after_the_hold_of_another_operator_is_refused(tmp
         assert (again.accepted, again.state) == (False, MissionState.HOLDING)
         assert again.message.startswith("GO: HOLD was given after it (HOLDING: HOLD by by hand)")
         assert operators.answer(MissionCommand.GO).accepted, "by hand, now"
+
+
+def test_a_go_of_the_fleet_that_arrives_late_is_as_old_as_its_operator_gave_it(tmp_path: Path) -> None:
+    with bench(tmp_path) as b:
+        operators, link = Operators(b), MissionLink("auv1", 1)
+        graph: Any = SimpleNamespace(node=b.node, spin=b.spin, discover=lambda s, done: b.until(done, "an answer"))
+        link._graph = graph
+        asked_s = operators.answer(MissionCommand.GO, ask=True).clock_s
+
+        def go(given_s: float) -> tuple[str, str]:
+            return link.give(Order("a", 1, "go", given_s=given_s, valid_s=600.0))
+
+        outcome, text = go(asked_s - 60.0)
+        assert outcome == REFUSED
+        assert "nodes have started since" in text
+        assert operators.answer(MissionCommand.HOLD).accepted
+        outcome, text = go(asked_s)
+        assert outcome == REFUSED
+        assert "HOLD was given after it" in text
+        b.spin(0.5)
+        assert go(time.monotonic())[0] == ACTED
 
 
 def test_a_planner_whose_safety_node_is_silent_counts_no_steps_until_its_state_arrives(
