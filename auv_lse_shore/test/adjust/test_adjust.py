@@ -294,20 +294,18 @@ def test_an_interrupted_evaluation_leaves_no_files_without_their_map(synthetic_r
     assert not (tmp_path / "run" / "adjusted").exists()
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
-def test_what_ends_an_adjustment_while_it_writes_leaves_the_earlier_one(
-    synthetic_run, tmp_path, monkeypatch, capsys, error
-):
+def test_what_ends_an_adjustment_while_it_writes_leaves_the_earlier_one(synthetic_run, tmp_path, monkeypatch, capsys):
     write_run(dived(synthetic_run), tmp_path / "run")
     words = [str(tmp_path / "run"), "--report", "--out", str(tmp_path / "out")]
     assert main(words) == 0
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").iterdir()}
     (tmp_path / "out" / "mission.yaml").write_text("a run's own")
-    monkeypatch.setattr("auv_lse_shore.export.formats.soundings_csv.write", Mock(side_effect=error))
-    assert main(words) == (130 if isinstance(error, KeyboardInterrupt) else 2)
-    monkeypatch.undo()
-    kept = {path for path, changed_ns in before.items() if path.stat().st_mtime_ns == changed_ns}
-    assert kept == before.keys() - {tmp_path / "out" / "mission.yaml"}
+    for error, code in ((KeyboardInterrupt(), 130), (OSError(28, "No space left on device"), 2)):
+        with monkeypatch.context() as patch:
+            patch.setattr("auv_lse_shore.export.formats.soundings_csv.write", Mock(side_effect=error))
+            assert main(words) == code
+        kept = {path for path, changed_ns in before.items() if path.stat().st_mtime_ns == changed_ns}
+        assert kept == before.keys() - {tmp_path / "out" / "mission.yaml"}, error
     assert main(words) == 0
     assert (tmp_path / "out" / "mission.yaml").read_text() == "a run's own"
     assert not {path for path in kept if path.stat().st_mtime_ns == before[path]}, "all are new"

@@ -20,6 +20,7 @@ EASY: dict[str, Any] = {
     "mission.until.undiscovered_m": 5000.0,
     "planner.method": "plain",
     "planner.iterations": 10,
+    "gp.map_resolution_m": 20.0,
 }
 
 
