@@ -240,7 +240,7 @@ def test_a_mission_is_started_held_and_aborted(run: Run, graph: Graph) -> None:
     assert run("run", "hold", "all", "--spin-time", "0.5").startswith("auv1: HOLDING: HOLD by ")
     assert run("run", "state").startswith("auv1: HOLDING: HOLD by ")
     assert run("run", "abort", "auv1", "--team").startswith("auv1: ABORTED: ABORT by ")
-    graph.spin(1.0)  # on a busy computer a GO counts as given up to its answer's delay earlier
+    graph.spin(1.0)  # a slow answer makes a GO count as older than it is
     assert "send RESET first" in run("run", "go", "auv1", code=1)
     assert run("run", "reset", "auv1").startswith("auv1: HOLDING: RESET by ")
     assert "auv7: error: not found; running: auv1" in run("run", "hold", "auv7", "--spin-time", "0.5", code=1)

@@ -275,7 +275,7 @@ def test_two_missions_over_a_survey_at_once_do_not_disturb_each_other(tmp_path: 
     ]  # fmt: skip
     outputs = [process.communicate(timeout=200)[0] for process in processes]
     assert [process.returncode for process in processes] == [0, 0], outputs
-    assert "too large" in outputs[0], "the area is far too large for 4 steps, and that is said"
+    assert "too large" in outputs[0], "a warning: the area is far too large for 4 steps"
     assert "%" in outputs[0], "with the coverage to expect"
     first, second = (read_run(folder) for folder in folders)
     assert [p.payload for p in first.sent] == [p.payload for p in second.sent], "the same seed gives the same run"
