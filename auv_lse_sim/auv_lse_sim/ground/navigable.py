@@ -17,7 +17,6 @@ from scipy import ndimage
 from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, coverage
 from auv_lse_common.mission_file.operating_area import OperatingArea, free_m2
 from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.plurals import area_size, counted
@@ -476,10 +475,6 @@ def _coverage(settings: Settings) -> str:
         )
         if mission.goal == "chart" and methods == ["tour"] and mission.steps <= MAX_LINE_LEGS:
             text += ". If the isobath matters more than the rest, mission.goal: line locates more of it on average"
-        gp, default = settings.common.gp, GpConfig()
-        if (gp.length_scale_m, gp.signal_std_m) == (default.length_scale_m, default.signal_std_m):
-            # with these, teams that cover their area lose (docs/evidence/planner.md)
-            text += ". On unknown ground, gp.length_scale_m: 120 with gp.signal_std_m: 11.3 locates more, too"
     elif spacing < 2.0 * motion.turn_radius_m:
         text += (
             ". The area is too small for this mission: lanes closer than a turning circle "

@@ -232,20 +232,6 @@ def test_the_goal_that_fits_a_mission_too_short_for_a_chart(values, advised):
     assert ("mission.goal: line locates more" in expectations(Settings.load(None, values))[0]) == advised
 
 
-@pytest.mark.parametrize(
-    ("values", "advised"),
-    [
-        ({"mission.steps": 20}, True),
-        ({"mission.steps": 20, "planner.method": "plain"}, True),
-        ({"mission.steps": 40}, False),
-        ({"mission.steps": 20, "gp.length_scale_m": 60.0}, False),  # somebody chose it
-        ({"mission.steps": 20, "gp.signal_std_m": 5.0}, False),
-    ],
-)
-def test_the_prior_that_fits_an_area_too_large_for_a_chart(values, advised):
-    assert ("gp.length_scale_m: 120 with" in expectations(Settings.load(None, values))[0]) == advised
-
-
 def test_a_goal_that_a_given_method_overrides_is_named():
     def said(**overrides):
         return "because planner.method is set (tour)" in expectations(Settings.load(None, overrides))[0]
