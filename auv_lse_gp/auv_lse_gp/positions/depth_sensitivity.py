@@ -28,7 +28,7 @@ class _Sensitivities:
     """Sensitivities of one vehicle's centers.
 
     Attributes:
-        centers: Ints of the centers (n,).
+        centers: Indices of the centers (n,).
         slopes: Slope at each (n, 2).
         rows: Sensitivities (n, the vehicle's unknowns).
         squares: rows' rows.
