@@ -298,3 +298,35 @@ def test_an_angle_with_more_than_60_minutes_or_seconds_is_no_position(tmp_path, 
     found = gathered(tmp_path, lines("lat;lon;depth;utc", row))
     assert found.placed[0].left_out["positions that are no numbers"] == 20
     checked(found, count=100)
+
+
+@pytest.mark.parametrize("header", ["time,lat,lon,depth", "date,time,lat,lon,depth"])
+@pytest.mark.filterwarnings("error")
+def test_times_of_day_may_have_points(tmp_path, header):
+    """As Excel and Danish and Finnish writers have them; beside a date they cannot be one."""
+
+    def row(t, a, o, d):
+        day, clock = utc(t).rstrip("Z").split("T")
+        return f"{day}{',' if header.startswith('date') else ' '}{clock.replace(':', '.')},{a:.8f},{o:.8f},{d:.3f}"
+
+    checked(gathered(tmp_path, lines(header, row)), count=120)
+
+
+def test_a_quality_in_words_is_listed_as_ignored(tmp_path):
+    rows = lines("time,lat,lon,depth,quality", lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{d:.3f},good")
+    assert "column quality is ignored: 'good' is no number" in gathered(tmp_path, rows).lines[0]
+
+
+def test_metres_behind_depths_are_read_unless_another_unit_is_stated(tmp_path):
+    def table(header, unit):
+        return lines(header, lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{d:.3f}{unit}")
+
+    for unit in (" m", "m", " metres"):
+        checked(gathered(tmp_path, table("time,lat,lon,depth", unit)), count=120)
+    for header, unit, facts in (
+        ("time,lat,lon,depth", " ft", ()),
+        ("time,lat,lon,depth_ft", " m", ()),
+        ("time,lat,lon,depth", " m", ("--depth-unit", "ft")),
+    ):
+        with pytest.raises(LogError, match="its depths are no numbers"):
+            gathered(tmp_path, table(header, unit), *facts)

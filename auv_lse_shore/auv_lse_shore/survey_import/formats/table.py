@@ -63,12 +63,12 @@ def _contents(
     """The logs of the vehicles in a table."""
     parts: dict[str, list[NDArray[np.str_] | Array]] = {role: [] for role in columns}
     texts = {role for role in columns if role.startswith(tv.TEXT_ROLES)}
+    given = "given" if options.depth_unit_m or "depth_unit" in columns else ""
     read, lines = 0, text.count("\n") + 1
     for piece in columns_of(text, dialect, [column.number for column in columns.values()]):
-        for role, cells in zip(columns, piece, strict=True):
-            parts[role].append(
-                np.array(cells) if role in texts else tv.values_of(file.path, role, cells, dialect.decimal_comma)
-            )
+        for (role, column), cells in zip(columns.items(), piece, strict=True):
+            about = (file.path, role, cells, dialect.decimal_comma, given or column.unit)
+            parts[role].append(np.array(cells) if role in texts else tv.values_of(*about))
         read += len(piece[0])
         file.progress(min(read / lines, 1.0))
     if not read:
@@ -79,8 +79,8 @@ def _contents(
         values={role: np.concatenate(arrays) for role, arrays in parts.items()},
         decimal_comma=dialect.decimal_comma,
     )
-    tv.refuse_unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     shared = LogContent(file.path.name)
+    shared.notes += tv.unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     rows = tv.rows_of(table, options, shared)
     if not options.columns and (unused := unused_columns(dialect.header, columns, table.dated_by)):
         shared.notes.append(f"columns not used: {listed([name[:40] for name in unused], _MOST_LISTED)}")

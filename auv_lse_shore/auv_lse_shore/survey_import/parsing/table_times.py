@@ -39,6 +39,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     of_hour_s,
     offsets_s,
     seconds,
+    with_colons,
     zoned_of,
 )
 from auv_lse_shore.survey_import.parsing.units import TIME_UNITS
@@ -109,6 +110,8 @@ def _time(
         halves = table.values["half_day"].tolist()
         lacks = [":" in text and not _HALF_DAY.search(text) for text in texts]
         texts = [f"{text} {half}" if lack else text for text, half, lack in zip(texts, halves, lacks, strict=True)]
+    if role != "date" and has_date(table.columns):
+        texts = [with_colons(text.strip()) for text in texts]
     first = next((text for text in texts if text.strip()), "")
     if not first:
         return None

@@ -31,6 +31,8 @@ SAMPLE_LETTERS = 100_000
 TEXT_ROLES = ("date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day", "utc_offset")
 #: Beginnings of the roles of lengths and of coordinates in metres.
 _LENGTHS = ("depth", "elevation", "z", "own_depth", "above_bottom", "altitude", "north", "east")
+#: The unit behind a depth.
+_METRES = re.compile(r"(?<=\d)\s*(?:m|met(?:er|re)s?)\.?\s*$", re.IGNORECASE)
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
 #: More names than these in a column of sounders number something else.
@@ -94,13 +96,19 @@ def beginning(head: bytes) -> str:
     return text[: text.rfind("\n") + 1] or text
 
 
-def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) -> Array:
-    """Numbers of cells; angles may have hemispheres, minutes and seconds, months names.
+def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool, unit: str = "") -> Array:
+    """Numbers of cells; angles may have hemispheres, minutes and seconds, months names, depths "m" behind them.
+
+    Args:
+        unit: A unit that the cells are in; "": none is stated.
 
     Raises:
         LogError: if a hemisphere is not clear, or what separates the digits of a length.
     """
     numbers = numbers_of(cells, decimal_comma)
+    if role in DEPTHS and not unit.strip("- ") and np.isnan(numbers).any():
+        cells = [_METRES.sub("", cell) for cell in cells]
+        numbers = numbers_of(cells, decimal_comma)
     if role.startswith(_LENGTHS) and (unclear := first_unclear(cells, decimal_comma)):
         raise LogError(
             f"{path}: it is unclear what separates thousands or decimals in {unclear!r}, because other numbers have a "
@@ -115,14 +123,14 @@ def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) 
     return numbers
 
 
-def refuse_unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) -> None:
-    """Refuses a table with a column of depths or angles in which no cell is a number, but which begins with digits.
+def unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) -> list[str]:
+    """A remark about a column of qualities in which no cell is a number.
 
     Args:
         cells_of: The first cells of a column as texts, by its number.
 
     Raises:
-        LogError: showing a cell.
+        LogError: for such a column of depths or angles, if it begins with digits; shows a cell.
     """
     depth = depth_role(table.columns)
     for role in (depth, "lat", "lon", "north", "east", "x", "y"):
@@ -142,6 +150,14 @@ def refuse_unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) ->
             raise LogError(
                 f"{table.path}: its positions are no numbers and no angles, such as {wrong[:40]!r}. Write {example}."
             )
+    quality = table.columns.get("quality")
+    if (
+        quality is None
+        or not np.isnan(table.values["quality"]).all()
+        or not (word := first_of(cells_of(quality.number)))
+    ):
+        return []
+    return [f"column {quality.name} is ignored: {word!r} is no number"]
 
 
 def _in_units_of(table: Table, names: Sequence[str], positions: Array, unit_m: float) -> Array:

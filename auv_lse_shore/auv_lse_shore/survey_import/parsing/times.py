@@ -1,6 +1,7 @@
 """Times in other people's notations: epochs in any unit, dates, times of day, and wrong dates."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from datetime import UTC, date, datetime
 
@@ -32,6 +33,7 @@ _OF_DAY = re.compile(
 )
 #: Minutes and seconds.
 _OF_HOUR = re.compile(r"([0-5]?\d):([0-5]\d(?:[.,]\d*)?)")
+_WITH_POINTS = re.compile(r"([01]?\d|2[0-4])\.([0-5]\d)\.(?=[0-5]\d(?:[.,]\d*)?(?:$|[ Z+-]))")
 _FOUR_DIGITS = re.compile(r"(\d{2})(\d{2}(?:\.\d*)?)")
 #: Spreadsheets remove a leading zero.
 _SIX_DIGITS = re.compile(r"(\d{1,2})(\d{2})(\d{2}(?:\.\d*)?)")
@@ -111,6 +113,12 @@ def of_counts(numbers: Array) -> tuple[Array, bool] | None:
         if first < known[0] and known[-1] < last and np.median(np.diff(known)) * unit_s <= _COUNTS_APART_S:
             return (numbers - first) * unit_s, is_utc
     return None
+
+
+def with_colons(text: str) -> str:
+    """A time of day with points, such as "10.15.00", with colons; other text as it is. Alone it could be a date."""
+    match = _WITH_POINTS.match(text)
+    return f"{match[1]}:{match[2]}:{text[match.end() :]}" if match else text
 
 
 def of_day_s(texts: Sequence[str]) -> Array:
@@ -328,7 +336,7 @@ def datetimes(texts: Sequence[str], day_first: bool | None) -> tuple[Array, Sequ
     bare = [text[: zone.start()] if zone else text for text, zone in zip(plain, zones, strict=True)]
     parts = [re.split(r"[T ,]+", text, maxsplit=1) for text in bare]
     day, assumed = days([part[0] for part in parts], day_first)
-    clock = of_day_s([part[1] if len(part) > 1 else "0:00" for part in parts])
+    clock = of_day_s([with_colons(part[1]) if len(part) > 1 else "0:00" for part in parts])
     shift = np.array([_zone_s(zone[1]) if zone else 0.0 for zone in zones])
     return day + clock - shift, zoned, assumed
 
@@ -344,8 +352,10 @@ def _iso(texts: Sequence[str]) -> Array | None:
     if zones != (len(texts) * is_utc, len(texts) * is_utc, 0, 0) or min(map(len, texts)) < 19:
         return None
     try:
-        stamps = np.array([text[:-1] for text in texts] if is_utc else texts, dtype="datetime64[us]")
-    except ValueError:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # what looks like a zone is none here
+            stamps = np.array([text[:-1] for text in texts] if is_utc else texts, dtype="datetime64[us]")
+    except (ValueError, UserWarning, DeprecationWarning):
         return None
     seconds_: Array = np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-6)
     return seconds_
