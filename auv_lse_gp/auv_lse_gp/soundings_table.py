@@ -2,8 +2,8 @@
 
 A table has a header and rows with fields separated by comma, semicolon, tab or blanks. Lines that begin with # are
 comments, and columns with other names are listed as not used. Positions are in metres (north_m, east_m, or northing,
-easting), in degrees (lat, lon), or both. Depths are depth_m, positive down, or elevation_m, positive up. A column of
-units, such as depth_unit, counts for depths whose name has none.
+easting), in degrees (lat, lon), or both. Depths are depth_m, positive down, or elevation_m, positive up; units may be
+in brackets. A column of units, such as depth_unit, counts for depths whose name has none.
 """
 
 import csv
@@ -30,6 +30,8 @@ _LON = ("lon", "lng", "longitude", "lon_deg", "longitude_deg")
 _DEPTH = ("depth_m", "depth")
 _ELEVATION = ("elevation_m", "elevation", "z_m")
 
+#: Their units in brackets.
+_BRACKETS = re.compile(r"(.*?)[ _]*[(\[](m|met(?:er|re)s?|deg|degrees?|°)[)\]]")
 #: Keys of columns whose fields may be empty.
 _UNCERTAINTIES = ("north_std", "east_std", "tvu")
 
@@ -122,7 +124,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         )
     header_line, header_text = rows[0]
     separator = next((c for c in ",;\t" if c in header_text), None)
-    header = [name.lower() for name in _fields(header_text, separator, f"{path}:{header_line}")]
+    header = [_plain(name) for name in _fields(header_text, separator, f"{path}:{header_line}")]
     indices = _columns(header, f"{path}:{header_line}")
     values: dict[str, list[float]] = {key: [] for key in indices}
     texts: dict[int, list[str]] = {i: [] for i, name in enumerate(header) if name == "vehicle" or is_unit_name(name)}
@@ -164,6 +166,14 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         tvu_m=arrays.get("tvu"),
         unused=tuple(n for i, n in enumerate(header) if n not in _OF_EXPORT and i not in used),
     )
+
+
+def _plain(name: str) -> str:
+    """A column's name in lower case; "Depth (m)" is depth_m."""
+    name = name.lower()
+    match = _BRACKETS.fullmatch(name)
+    plain = f"{match[1].replace(' ', '_')}_{'m' if match[2][0] == 'm' else 'deg'}" if match else name
+    return plain if plain in _NORTH + _EAST + _LAT + _LON + _DEPTH + _ELEVATION else name
 
 
 def _stated_units(

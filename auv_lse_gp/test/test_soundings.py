@@ -20,6 +20,19 @@ def test_tables_with_comments_and_other_separators(tmp_path, separator):
     assert read_soundings(path).tolist() == [[10.0, 20.0, 5.5], [11.0, 21.0, 6.0]]
 
 
+@pytest.mark.parametrize("names", ["East (m),North [m],Elevation (metres)", "Easting (m),Northing (m),Elevation [m]"])
+def test_units_may_be_in_brackets(tmp_path, names):
+    path = tmp_path / "survey.csv"
+    path.write_text(f"{names}\n20,10,-5.5\n")
+    assert read_soundings(path).tolist() == [[10.0, 20.0, 5.5]]
+    path.write_text("Latitude (deg),Longitude [°],Depth (m)\n46.5,6.6,1.5\n")
+    table = read_table(path)
+    assert (table.lat_deg, table.lon_deg, table.values) == ([46.5], [6.6], [1.5])
+    path.write_text("lat,lon,Depth (ft)\n46.5,6.6,1.5\n")
+    with pytest.raises(SoundingsError, match=r"the columns lat, lon, depth \(ft\) are not enough"):
+        read_table(path)
+
+
 def test_degrees_use_their_middle_as_origin_only_if_none_is_needed(tmp_path):
     path = tmp_path / "survey.csv"
     path.write_text("lat,lon,depth_m\n45.000,7.001,10\n45.002,7.001,11\n45.001,7.000,12\n45.001,7.002,13\n")
