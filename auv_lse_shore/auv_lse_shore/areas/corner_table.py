@@ -30,7 +30,8 @@ def corner_table_features(text: str, where: str) -> list[Feature] | None:
         return None
     if depth := next((columns[role].name for role in DEPTHS if role in columns), ""):
         raise ParameterError(
-            f"{where} is a table of soundings (column {depth}). Make an area of it with auv_lse import"
+            f"{where} is a table of soundings (column {depth}). Make an area of it with auv_lse import, or leave that "
+            "column out of a table of corners"
         )
     try:
         return list(_features(text, dialect, columns, where))

@@ -63,11 +63,11 @@ def _contents(
     """The logs of the vehicles in a table."""
     parts: dict[str, list[NDArray[np.str_] | Array]] = {role: [] for role in columns}
     texts = {role for role in columns if role.startswith(tv.TEXT_ROLES)}
-    given = "given" if options.depth_unit_m or "depth_unit" in columns else ""
+    is_given = bool(options.depth_unit_m) or "depth_unit" in columns
     read, lines = 0, text.count("\n") + 1
     for piece in columns_of(text, dialect, [column.number for column in columns.values()]):
         for (role, column), cells in zip(columns.items(), piece, strict=True):
-            about = (file.path, role, cells, dialect.decimal_comma, given or column.unit)
+            about = (file.path, role, cells, dialect.decimal_comma, is_given or bool(column.unit.strip("- ")))
             parts[role].append(np.array(cells) if role in texts else tv.values_of(*about))
         read += len(piece[0])
         file.progress(min(read / lines, 1.0))

@@ -96,17 +96,17 @@ def beginning(head: bytes) -> str:
     return text[: text.rfind("\n") + 1] or text
 
 
-def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool, unit: str = "") -> Array:
+def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool, has_unit: bool = False) -> Array:
     """Numbers of cells; angles may have hemispheres, minutes and seconds, months names, depths "m" behind them.
 
     Args:
-        unit: A unit that the cells are in; "": none is stated.
+        has_unit: Whether the unit of the cells is stated elsewhere: then one behind a depth may contradict it.
 
     Raises:
         LogError: if a hemisphere is not clear, or what separates the digits of a length.
     """
     numbers = numbers_of(cells, decimal_comma)
-    if role in DEPTHS and not unit.strip("- ") and np.isnan(numbers).any():
+    if role in DEPTHS and not has_unit and np.isnan(numbers).any():
         cells = [_METRES.sub("", cell) for cell in cells]
         numbers = numbers_of(cells, decimal_comma)
     if role.startswith(_LENGTHS) and (unclear := first_unclear(cells, decimal_comma)):
