@@ -15,7 +15,7 @@ from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_dep
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.health import Health, Level
-from auv_lse_common.vocabulary.mission_run import VALID_S, Action, Command, MissionRun, RunState, Stop
+from auv_lse_common.vocabulary.mission_run import JUST_NOW, Action, Command, Given, MissionRun, RunState, Stop
 from auv_lse_planner.battery_watch import BatteryWatch
 
 
@@ -70,15 +70,7 @@ class Safety:
             battery=BatteryWatch.of(own, safety, area, mission, motion),
         )
 
-    def command(
-        self,
-        command: Command,
-        source: str,
-        team: bool = False,
-        given_s: float | None = None,
-        now_s: float = 0.0,
-        valid_s: float = VALID_S,
-    ) -> str:
+    def command(self, command: Command, source: str, team: bool = False, given: Given = JUST_NOW) -> str:
         """Gives the mission a command; returns why it is refused, "" if it is accepted.
 
         The first GO is refused if the battery lasts for too little of the mission; RESET while a limit that has tripped
@@ -92,7 +84,7 @@ class Safety:
             refusal, self.battery.warning = self.battery.answer_go(self.watch.charge)
             if refusal:
                 return f"GO: {refusal}"
-        refusal = self.run.command(command, source, team, given_s, now_s, valid_s)
+        refusal = self.run.command(command, source, team, given)
         self.battery.went = self.battery.went or (command is Command.GO and not refusal)
         return refusal
 

@@ -21,7 +21,7 @@ from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.topics.codecs import decode_order
 from auv_lse_common.topics.records import MissionOrder, Odometry, RunReport
 from auv_lse_common.vocabulary.health import NewProblems
-from auv_lse_common.vocabulary.mission_run import VALID_S, Command
+from auv_lse_common.vocabulary.mission_run import VALID_S, Command, Given
 from auv_lse_msgs.srv import RunMission
 from auv_lse_planner.safety import Safety
 
@@ -113,8 +113,8 @@ class SafetyNode(VehicleNode):
         source = order.source or "unknown source"
         if command is Command.GO and (loss := self.state.loss_of("planner_node")):
             return f"GO: planner_node plans no legs ({loss}). End the dive with Ctrl-C at the surface, and start again"
-        given = given_s or self._earliest_s()
-        refused = self._safety.command(command, source, order.team, given, time.monotonic(), valid_s or VALID_S)
+        given = Given(given_s or self._earliest_s(), time.monotonic(), valid_s or VALID_S)
+        refused = self._safety.command(command, source, order.team, given)
         self._keep()  # an accepted command outlives this process
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused

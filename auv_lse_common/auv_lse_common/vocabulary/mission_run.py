@@ -21,7 +21,7 @@ import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 
 class RunState(enum.IntEnum):
@@ -91,6 +91,23 @@ VALID_S = 10.0
 
 #: The start of a dive, among the times of commands.
 _START = "start"
+
+
+class Given(NamedTuple):
+    """When a command was given, by a clock that is never set while the computer runs: seconds since its start.
+
+    Attributes:
+        at_s: When; None: just now.
+        now_s: The time.
+        valid_s: For how long a GO or RESET counts (s).
+    """
+
+    at_s: float | None = None
+    now_s: float = 0.0
+    valid_s: float = VALID_S
+
+
+JUST_NOW = Given()
 
 #: Stops by their names in parameters.
 STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
@@ -224,31 +241,20 @@ class MissionRun:
         """Notes when the dive starts, by the clock of commands; `restore` replaces it by when it first did."""
         self._received_s[_START] = now_s
 
-    def command(
-        self,
-        command: Command,
-        source: str,
-        team: bool = False,
-        given_s: float | None = None,
-        now_s: float = 0.0,
-        valid_s: float = VALID_S,
-    ) -> str:
+    def command(self, command: Command, source: str, team: bool = False, given: Given = JUST_NOW) -> str:
         """Executes a command.
 
         Args:
             source: Sender, as a text for operators.
             team: With ABORT: whether to send it to the team mates.
-            given_s: When it was given, by the clock of `now_s`; None: just now.
-            now_s: The time, by a clock that is never set while the computer runs: seconds since its start.
-            valid_s: For how long a GO or RESET counts (s).
 
         Returns:
             Reason of the refusal; "" if it is accepted.
         """
-        if refusal := self._staleness(command, given_s, now_s, valid_s) or self._refusal(command):
+        if refusal := self._staleness(command, given) or self._refusal(command):
             return f"{command.name}: {refusal}"
         if command in STALES[Command.GO]:
-            self._received_s[command.name] = now_s
+            self._received_s[command.name] = given.now_s
         if command is Command.RESET:
             self.limits.clear()
             self._team_abort = False
@@ -356,19 +362,19 @@ class MissionRun:
             limits=tuple(f"{name}: {reason}" for name, reason in self.limits.items()),
         )
 
-    def _staleness(self, command: Command, given_s: float | None, now_s: float, valid_s: float) -> str:
-        """Why a command comes too late; "" if it does not. A time beyond `now_s` is from before a reboot."""
-        if given_s is None or command not in STALES:
+    def _staleness(self, command: Command, given: Given) -> str:
+        """Why a command comes too late; "" if it does not. A time beyond the present one is from before a reboot."""
+        if given.at_s is None or command not in STALES:
             return ""
-        age_s = now_s - given_s
-        if age_s < 0.0 or given_s < 0.0:
+        if not 0.0 <= given.at_s <= given.now_s:  # nor is NaN
             return "the vehicle's computer has restarted since it was given. Give it again"
-        if age_s > valid_s:
-            return f"it may be up to {age_s:.0f} s old, and is void after {valid_s:g} s. Give it again"
-        if age_s > VALID_S and given_s < self._received_s.get(_START, -math.inf) <= now_s:
+        age_s = given.now_s - given.at_s
+        if not age_s <= given.valid_s:
+            return f"it may be up to {age_s:.0f} s old, and is void after {given.valid_s:g} s. Give it again"
+        if age_s > VALID_S and given.at_s < self._received_s.get(_START, -math.inf) <= given.now_s:
             return "the vehicle's nodes have started since it was given. Give it again"
         for later in STALES[command]:
-            if given_s < self._received_s.get(later.name, -math.inf) <= now_s:
+            if given.at_s < self._received_s.get(later.name, -math.inf) <= given.now_s:
                 now = f"{self.status.state.name}: {self.status.reason}".rstrip(": ")
                 return f"{later.name} was given after it ({now}). Give {command.name} again if you mean it"
         return ""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 
 import pytest
 
-from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, RunState, Stop
+from auv_lse_common.vocabulary.mission_run import Action, Command, Given, MissionRun, RunState, Stop
 
 HOLD, SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
 MESSAGES = Path(__file__).parents[3] / "auv_lse_msgs" / "msg"
@@ -122,59 +123,64 @@ def test_a_tripped_limit_is_latched_until_reset() -> None:
 
 
 def test_a_command_that_sets_a_vehicle_in_motion_is_void_after_a_while() -> None:
-    assert in_state(W).command(Command.GO, "test", given_s=90.0, now_s=100.0) == ""
-    late = in_state(W).command(Command.GO, "test", given_s=40.0, now_s=100.0)
+    assert in_state(W).command(Command.GO, "test", given=Given(90.0, 100.0)) == ""
+    late = in_state(W).command(Command.GO, "test", given=Given(40.0, 100.0))
     assert late == "GO: it may be up to 60 s old, and is void after 10 s. Give it again"
-    assert "60 s old" in in_state(A).command(Command.RESET, "test", given_s=40.0, now_s=100.0)
-    assert "has restarted since" in in_state(W).command(Command.GO, "test", given_s=4000.0, now_s=100.0)
+    assert "60 s old" in in_state(A).command(Command.RESET, "test", given=Given(40.0, 100.0))
+    assert "has restarted since" in in_state(W).command(Command.GO, "test", given=Given(4000.0, 100.0))
     for command in (Command.HOLD, Command.SURFACE, Command.ABORT):
-        assert in_state(R).command(command, "test", given_s=40.0, now_s=100.0) == "", "these act however late"
+        assert in_state(R).command(command, "test", given=Given(40.0, 100.0)) == "", "these act however late"
 
 
 @pytest.mark.parametrize("stop", [Command.HOLD, Command.SURFACE])
 def test_go_that_arrives_again_after_the_hold_of_another_operator_is_void(stop: Command) -> None:
     run = in_state(R)
-    assert run.command(stop, "bo", given_s=None, now_s=102.0) == ""
+    assert run.command(stop, "bo", given=Given(None, 102.0)) == ""
     again = MissionRun(at_once=False, on_abort=SURFACE)
     again.restore(json.loads(json.dumps(run.snapshot())))  # a restarted node has not forgotten it
     for one in (run, again):
-        refusal = one.command(Command.GO, "al", given_s=101.0, now_s=103.0)
+        refusal = one.command(Command.GO, "al", given=Given(101.0, 103.0))
         assert refusal.startswith(f"GO: {stop.name} was given after it (HOLDING: {stop.name} by bo)"), refusal
         assert one.status.state is H
-        assert one.command(Command.GO, "al", given_s=102.5, now_s=103.0) == "", "given after the hold"
-        assert one.command(Command.GO, "al", given_s=102.5, now_s=104.0) == "", "the answer was lost"
+        assert one.command(Command.GO, "al", given=Given(102.5, 103.0)) == "", "given after the hold"
+        assert one.command(Command.GO, "al", given=Given(102.5, 104.0)) == "", "the answer was lost"
 
 
 def test_reset_does_not_undo_an_abort_that_was_given_after_it() -> None:
     run = in_state(A)
-    assert run.command(Command.RESET, "al", given_s=101.0, now_s=101.1) == ""
-    assert run.command(Command.RESET, "al", given_s=101.0, now_s=102.0) == "", "the answer was lost"
-    assert "RESET was given after it" in run.command(Command.GO, "al", given_s=101.0, now_s=102.5)
-    run.command(Command.ABORT, "bo", now_s=103.0)
-    assert "ABORT was given after it" in run.command(Command.RESET, "al", given_s=101.0, now_s=104.0)
+    assert run.command(Command.RESET, "al", given=Given(101.0, 101.1)) == ""
+    assert run.command(Command.RESET, "al", given=Given(101.0, 102.0)) == "", "the answer was lost"
+    assert "RESET was given after it" in run.command(Command.GO, "al", given=Given(101.0, 102.5))
+    run.command(Command.ABORT, "bo", given=Given(now_s=103.0))
+    assert "ABORT was given after it" in run.command(Command.RESET, "al", given=Given(101.0, 104.0))
     assert run.status.state is A
 
 
 def test_commands_from_before_a_reboot_do_not_count() -> None:
     """The clock of the commands begins anew."""
     run = in_state(R)
-    run.command(Command.HOLD, "bo", now_s=90000.0)
-    assert run.command(Command.GO, "al", given_s=50.0, now_s=51.0) == ""
+    run.command(Command.HOLD, "bo", given=Given(now_s=90000.0))
+    assert run.command(Command.GO, "al", given=Given(50.0, 51.0)) == ""
 
 
 def test_an_order_that_waited_for_the_vehicle_counts_as_long_as_its_operator_wants() -> None:
-    late = {"given_s": 1000.0, "now_s": 1300.0}
-    assert in_state(W).command(Command.GO, "al", valid_s=600.0, **late) == ""
-    refusal = in_state(W).command(Command.GO, "al", valid_s=200.0, **late)
+    late = Given(1000.0, 1300.0, 600.0)
+    assert in_state(W).command(Command.GO, "al", given=late) == ""
+    refusal = in_state(W).command(Command.GO, "al", given=late._replace(valid_s=200.0))
     assert refusal == "GO: it may be up to 300 s old, and is void after 200 s. Give it again"
     run = in_state(W)
-    run.command(Command.HOLD, "bo", now_s=1290.0)
-    assert "HOLD was given after it" in run.command(Command.GO, "al", valid_s=600.0, **late)
+    run.command(Command.HOLD, "bo", given=Given(now_s=1290.0))
+    assert "HOLD was given after it" in run.command(Command.GO, "al", given=late)
+
+
+@pytest.mark.parametrize("given", [Given(math.nan, 100.0), Given(40.0, 100.0, math.nan)])
+def test_a_time_that_is_no_number_makes_no_command_count(given: Given) -> None:
+    assert "Give it again" in in_state(W).command(Command.GO, "al", given=given)
 
 
 @pytest.mark.parametrize("command", [Command.GO, Command.RESET])
 def test_an_order_from_before_the_vehicle_started_is_void(command: Command) -> None:
-    rebooted = in_state(H).command(command, "al", given_s=-200.0, now_s=100.0, valid_s=600.0)
+    rebooted = in_state(H).command(command, "al", given=Given(-200.0, 100.0, 600.0))
     assert "has restarted since" in rebooted
     run = in_state(H)
     run.note_start(1200.0)
@@ -182,11 +188,11 @@ def test_an_order_from_before_the_vehicle_started_is_void(command: Command) -> N
     again.note_start(1250.0)
     again.restore(json.loads(json.dumps(run.snapshot())))  # a restarted node continues the same dive
     for one in (run, again):
-        refusal = one.command(command, "al", given_s=1000.0, now_s=1300.0, valid_s=600.0)
+        refusal = one.command(command, "al", given=Given(1000.0, 1300.0, 600.0))
         assert "nodes have started since it was given" in refusal
-        assert one.command(command, "al", given_s=1201.0, now_s=1300.0, valid_s=600.0) == ""
+        assert one.command(command, "al", given=Given(1201.0, 1300.0, 600.0)) == ""
     run.note_start(1299.0)
-    assert run.command(command, "al", given_s=1295.0, now_s=1300.0, valid_s=600.0) == "", "meant for what starts"
+    assert run.command(command, "al", given=Given(1295.0, 1300.0, 600.0)) == "", "meant for what starts"
 
 
 def test_unready_autopilot_delays_the_mission_and_later_holds_it() -> None:
