@@ -125,7 +125,10 @@ class SafetyNode(VehicleNode):
 
     def step(self, now_s: float) -> None:
         """Checks the limits; publishes the state when it changes and, without lockstep, every second."""
+        tripped = len(self._safety.run.limits)
         self._safety.step(now_s)
+        if len(self._safety.run.limits) > tripped:
+            self._safety.run.note_trip(time.monotonic())
         status, warnings = self._safety.run.status, self._safety.warnings
         if self._safety.watch.under_water is not self._under_water:
             self._keep()

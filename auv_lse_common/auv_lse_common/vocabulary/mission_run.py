@@ -10,7 +10,7 @@ trusted depth; once the vehicle has moved, the limits watch both. Commands can o
 limit: HOLD does not replace SURFACE.
 
 GO and RESET can set a vehicle in motion, so they are void if they arrive late, or after a command that was given later
-and keeps it where it is, or before the vehicle's start. A command is as old as its sender states, by the vehicle's own
+and keeps it where it is, or if they were given before the vehicle's start, RESET also before a limit tripped. A command is as old as its sender states, by the vehicle's own
 clock (RunMission.srv). All other commands act whenever they arrive.
 
 After a reboot of the vehicle's computer (`pause`, then `after_reboot`) a mission that ran holds until the vehicle's
@@ -89,8 +89,8 @@ STALES: dict[Command, tuple[Command, ...]] = {
 #: Time (s) after which they are void if their sender states none. Such a GO may precede the nodes it is meant for.
 VALID_S = 10.0
 
-#: The start of a dive, among the times of commands.
-_START = "start"
+#: The start of a dive and the last trip of a limit, among the times of commands.
+_START, _TRIP = "start", "trip"
 
 
 class Given(NamedTuple):
@@ -235,11 +235,15 @@ class MissionRun:
         self._not_ready = self._paused = ""
         self._travelled = False
         self._team_abort = False
-        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT, RESET came last, and _START
+        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT, RESET came last, _START and _TRIP
 
     def note_start(self, now_s: float) -> None:
         """Notes when the dive starts, by the clock of commands; `restore` replaces it by when it first did."""
         self._received_s[_START] = now_s
+
+    def note_trip(self, now_s: float) -> None:
+        """Notes when a limit tripped, by the clock of commands: a RESET given before does not mean it."""
+        self._received_s[_TRIP] = now_s
 
     def command(self, command: Command, source: str, team: bool = False, given: Given = JUST_NOW) -> str:
         """Executes a command.
@@ -373,6 +377,8 @@ class MissionRun:
             return f"it may be up to {age_s:.0f} s old, and is void after {given.valid_s:g} s. Give it again"
         if age_s > VALID_S and given.at_s < self._received_s.get(_START, -math.inf) <= given.now_s:
             return "the vehicle's nodes have started since it was given. Give it again"
+        if command is Command.RESET and given.at_s < self._received_s.get(_TRIP, -math.inf) <= given.now_s:
+            return f"a limit has tripped since it was given ({'; '.join(self.limits.values())}). Give it again"
         for later in STALES[command]:
             if given.at_s < self._received_s.get(later.name, -math.inf) <= given.now_s:
                 now = f"{self.status.state.name}: {self.status.reason}".rstrip(": ")

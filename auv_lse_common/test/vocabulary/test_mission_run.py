@@ -156,6 +156,20 @@ def test_reset_does_not_undo_an_abort_that_was_given_after_it() -> None:
     assert run.status.state is A
 
 
+def test_reset_does_not_undo_a_limit_that_tripped_after_it() -> None:
+    run = in_state(H)
+    run.trip("leak", SURFACE, "leak: water in the hull")
+    run.note_trip(103.0)
+    again = MissionRun(at_once=False, on_abort=SURFACE)
+    again.restore(json.loads(json.dumps(run.snapshot())))
+    for one in (run, again):
+        refusal = one.command(Command.RESET, "al", given=Given(101.0, 104.0))
+        assert refusal == "RESET: a limit has tripped since it was given (leak: water in the hull). Give it again"
+        assert one.limits
+        assert one.command(Command.RESET, "al", given=Given(103.5, 104.0)) == "", "given after the trip"
+        assert not one.limits
+
+
 def test_commands_from_before_a_reboot_do_not_count() -> None:
     """The clock of the commands begins anew."""
     run = in_state(R)

@@ -40,6 +40,7 @@ PARAMETERS = """\
   ros__parameters:
     mission: {vehicles: 1, steps: 20, seed: 7}
     area: {polygon_m: [-50.0, -50.0, 350.0, -50.0, 350.0, 350.0, -50.0, 350.0]}
+    safety: {patience_s: 1.0}
     vehicle: {start: on_call}
 """
 
@@ -57,8 +58,9 @@ class Operators:
         b.until(self.client.service_is_ready, "the service")
         b.until(lambda: self.move() and self.states, "a state")
 
-    def move(self) -> bool:
+    def move(self, north_m: float = 0.0) -> bool:
         message = Odometry(header=header(time.time()))
+        message.pose.pose.position.y = north_m
         message.pose.pose.orientation.w = 1.0
         self.odometry.publish(message)
         return True
@@ -129,6 +131,20 @@ def test_go_that_arrives_again_after_the_hold_of_another_operator_is_refused(tmp
         assert (again.accepted, again.state) == (False, MissionState.HOLDING)
         assert again.message.startswith("GO: HOLD was given after it (HOLDING: HOLD by by hand)")
         assert operators.answer(MissionCommand.GO).accepted, "by hand, now"
+
+
+def test_reset_from_before_a_limit_tripped_does_not_undo_it(tmp_path: Path) -> None:
+    with bench(tmp_path) as b:
+        operators = Operators(b)
+        assert operators.answer(MissionCommand.GO).accepted
+        operators.until_state(MissionState.RUNNING)
+        given_s = operators.answer(MissionCommand.RESET, ask=True).clock_s
+        b.until(lambda: operators.move(600.0) and operators.states[-1].limits, "a tripped limit")
+        b.until(lambda: operators.move() and not operators.states[-1].warnings, "the vehicle inside the fence")
+        late = operators.answer(MissionCommand.RESET, given_s=given_s)
+        assert not late.accepted
+        assert late.message.startswith("RESET: a limit has tripped since it was given (250 m outside the area"), late.message
+        assert operators.answer(MissionCommand.RESET).accepted, "by hand, now"
 
 
 def test_a_go_of_the_fleet_that_arrives_late_is_as_old_as_its_operator_gave_it(tmp_path: Path) -> None:
