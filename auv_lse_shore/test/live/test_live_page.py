@@ -53,6 +53,22 @@ def test_it_shows_the_mission_and_reports_no_error(browser):
         assert len(np.unique(shown.reshape(-1, 4), axis=0)) > 20, f"{canvas} is blank"
 
 
+def test_before_a_mission_it_shows_nothing_but_what_it_waits_for(browser):
+    shown = (
+        "['map-part', 'charts', 'water', 'alarms', 'team-title', 'time', 'waiting'].filter("
+        "(id) => document.getElementById(id).checkVisibility({visibilityProperty: true}))"
+    )
+    assert browser.ask(shown) == ["map-part", "charts", "water", "alarms", "team-title", "time"]
+    facts = "liveView.store.facts"
+    browser.ask(f"(window.facts = {facts}, {facts} = null, liveView.store.changes++)")
+    browser.wait("document.documentElement.hasAttribute('data-waiting')")
+    browser.wait("!document.getElementById('waiting').hidden")
+    assert browser.ask(shown) == ["waiting"]
+    browser.ask(f"({facts} = window.facts, liveView.store.changes++)")
+    browser.wait("document.getElementById('waiting').hidden")
+    assert browser.errors == []
+
+
 def test_a_reward_is_shown_with_what_the_terminal_shows(browser):
     at(browser, 200.0)
     assert text(browser, "reward-title") == "Path reward (cost)"

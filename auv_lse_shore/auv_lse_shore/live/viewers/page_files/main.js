@@ -106,6 +106,7 @@ function describeState() {
   else [text, level] = [status?.state === "failed" ? "failed" : "recording", status?.state === "failed" ? "error" : ""];
   setText(pill, text);
   pill.dataset.level = level;
+  $("waiting").hidden = Boolean(store.facts) || source.connection !== "open" || source.loading || Boolean(source.problem);
   const problem = source.problem || (status?.state === "failed" ? status.text : "");
   const left = complete && source.connection === "lost" && source.run;
   const early = complete && final.text?.startsWith("the quality asked for") ? `Mission complete: ${final.text}.` : "";
@@ -254,6 +255,7 @@ function frame(now) {
   lastFrame = now;
   if (begun !== store.facts) {
     begun = store.facts;
+    document.documentElement.toggleAttribute("data-waiting", !begun);
     player.begin();
     map.begin();
     cards.begin();
