@@ -34,16 +34,14 @@ class Summary:
     quality_asked: str | None = figure("", "mission.until in words")
     quality_reached: bool = figure("", "whether it ended with that quality")
     isobath_found_m: float = figure(
-        "m", "length of the estimated isobath that is found (`auv_lse_gp/map/certainty.py`)"
+        "m", "length of the estimated isobath that is found: within 20 m of the true one with 95 % certainty"
     )
     isobath_likely_m: float = figure("m", "length that is likely")
     isobath_guessed_m: float = figure("m", "length that is guessed: the data hardly support it")
     isobath_found_within_m: float | None = figure(
         "m", "distance within which 95 % of the line found is expected of the true isobath"
     )
-    isobath_undiscovered_m: float = figure(
-        "m", "expected length of isobath farther than 10 m from the part found (`auv_lse_gp/map/undiscovered.py`)"
-    )
+    isobath_undiscovered_m: float = figure("m", "expected length of isobath farther than 10 m from the part found")
     isobath_undiscovered_limit_m: float = figure("m", "upper limit of that length with 95 % probability")
     isobath_not_visited_m: float = figure(
         "m", "length not found because no vehicle measured near it, or on one side only"
@@ -95,8 +93,8 @@ class Summary:
     )
     reliability_cells: tuple[float, ...] | None = figure(
         "",
-        "locations in each class of P(deep enough), the probability of being at least the level deep (limits of "
-        "classes: `judge/reliability.py`)",
+        "locations in each class of P(deep enough), the probability of being at least the level deep, with the limits "
+        "0, 0.01, 0.05, 0.1, 0.2, ... 0.9, 0.95, 0.99 and 1",
     )
     reliability_expected: tuple[float, ...] | None = figure("", "expected number of safe locations in each class")
     reliability_safe: tuple[float, ...] | None = figure("", "actual number of safe locations in each class")
