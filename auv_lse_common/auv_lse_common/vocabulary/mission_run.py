@@ -10,8 +10,9 @@ trusted depth; once the vehicle has moved, the limits watch both. Commands can o
 limit: HOLD does not replace SURFACE.
 
 GO and RESET can set a vehicle in motion, so they are void if they arrive late, or after a command that was given later
-and keeps it where it is, or if they were given before the vehicle's start, RESET also before a limit tripped. A command is as old as its sender states, by the vehicle's own
-clock (RunMission.srv). All other commands act whenever they arrive.
+and keeps it where it is, or if they were given before the vehicle's start, RESET also before a limit tripped. A command
+is as old as its sender states, by the vehicle's own clock (RunMission.srv). All other commands act whenever they
+arrive.
 
 After a reboot of the vehicle's computer (`pause`, then `after_reboot`) a mission that ran holds until the vehicle's
 depth is known. Under water it then resumes or surfaces. At the surface it waits for GO, which can reach it there.

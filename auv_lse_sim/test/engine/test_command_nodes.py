@@ -143,7 +143,7 @@ def test_reset_from_before_a_limit_tripped_does_not_undo_it(tmp_path: Path) -> N
         b.until(lambda: operators.move() and not operators.states[-1].warnings, "the vehicle inside the fence")
         late = operators.answer(MissionCommand.RESET, given_s=given_s)
         assert not late.accepted
-        assert late.message.startswith("RESET: a limit has tripped since it was given (250 m outside the area"), late.message
+        assert late.message.startswith("RESET: a limit has tripped since it was given (250 m outside the area")
         assert operators.answer(MissionCommand.RESET).accepted, "by hand, now"
 
 
