@@ -7,6 +7,7 @@ positive down.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -155,6 +156,17 @@ class VehicleRun:
         return np.column_stack([np.interp(stamps_s, times, self.position_std_m[:, c]) for c in (0, 1)])
 
     @property
+    def span_s(self) -> tuple[float, float] | None:
+        """Times of the first leg, without legs of the first position or sounding, and of the last position or sounding.
+
+        None without any.
+        """
+        stamps = np.concatenate([self.odometry[:, 0], self.soundings.stamp_s])
+        if not len(stamps):
+            return None
+        return float(self.decisions[0].now_s if self.decisions else stamps.min()), float(stamps.max())
+
+    @property
     def steps(self) -> int:
         """Number of steps decided: 1 + the last decision's step, 0 without decisions."""
         return max((d.step for d in self.decisions), default=-1) + 1
@@ -218,7 +230,7 @@ class RunData:
         sent: Every payload transmitted, in time order.
         received: Every payload received, in time order.
         ground: True ground on the evaluation grid; None if unknown.
-        sim_s: Mission time covered (s).
+        end_s: Time of the last message (s).
         wall_s: Wall-clock duration (s); NaN if not recorded.
         origin: Latitude and longitude (deg, WGS84) of north = east = 0; None if unknown.
         notes: Remarks for the report (a start was moved, a deadline was hit, a node died).
@@ -229,10 +241,19 @@ class RunData:
     sent: list[Transmission] = field(default_factory=list)
     received: list[PacketReceived] = field(default_factory=list)
     ground: GroundGrid | None = None
-    sim_s: float = 0.0
+    end_s: float = 0.0
     wall_s: float = float("nan")
     origin: tuple[float, float] | None = None
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def mission_s(self) -> float:
+        """Time (s) during which a mission of any vehicle lasted; pauses between dives do not count."""
+        total_s, until_s = 0.0, -math.inf
+        for begin_s, end_s in sorted(span for vehicle in self.vehicles if (span := vehicle.span_s)):
+            total_s += max(end_s - max(begin_s, until_s), 0.0)
+            until_s = max(until_s, end_s)
+        return total_s
 
     @property
     def steps(self) -> int:

@@ -171,7 +171,7 @@ def _run_in(
         sent=sorted(sent, key=lambda p: (p.stamp_s, p.source)),
         received=sorted(received, key=lambda p: (p.stamp_s, p.receiver)),
         ground=ground,
-        sim_s=last_s,
+        end_s=last_s,
         wall_s=wall_s,
         origin=origin_of(parameters),
         notes=notes,

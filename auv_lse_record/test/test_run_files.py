@@ -61,7 +61,7 @@ def test_run_survives_the_recording(tmp_path, synthetic_run):
     assert [(p.receiver, p.source, p.snr_db) for p in back.received] == [
         (p.receiver, p.source, p.snr_db) for p in run.received
     ]
-    assert back.sim_s == pytest.approx(run.sim_s)
+    assert back.end_s == pytest.approx(run.end_s)
 
 
 def test_messages_are_kept_as_numbers(tmp_path, synthetic_run):
@@ -151,7 +151,7 @@ def test_health_with_another_clock_does_not_extend_a_mission(tmp_path, synthetic
 
     monkeypatch.setattr(run_writer, "_records", with_health)
     write_run(run, tmp_path / "run")
-    assert read_run(tmp_path / "run").sim_s == pytest.approx(run.sim_s)
+    assert read_run(tmp_path / "run").end_s == pytest.approx(run.end_s)
 
 
 def test_mcap_library_reads_the_recording(tmp_path, synthetic_run):
@@ -276,7 +276,7 @@ def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
     back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
     assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
     assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
-    assert back.sim_s == pytest.approx(run.sim_s), "times are the messages' own"
+    assert back.end_s == pytest.approx(run.end_s), "times are the messages' own"
     assert read_run(file, mission=tmp_path / "run" / "mission.yaml").steps == 3
 
 

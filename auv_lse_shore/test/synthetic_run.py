@@ -115,7 +115,7 @@ def make_run(steps=30, drift_mps=0.002, with_truth=True):
         heard[receiver].append(Soundings.of_packet(arrival, source, np.float32(chosen.points_m)))
     for vehicle in vehicles:
         vehicle.received = Soundings.join(heard[vehicle.vehicle])
-    run = RunData(parameters=parameters, vehicles=vehicles, sent=sent, received=received, sim_s=end_s, wall_s=1.5)
+    run = RunData(parameters=parameters, vehicles=vehicles, sent=sent, received=received, end_s=end_s, wall_s=1.5)
     if with_truth:
         run.ground = ground_grid(mission_settings(parameters, 1)[0], Valley())
     return run

@@ -165,7 +165,7 @@ def work(run: RunData) -> dict[str, Any]:
         "delivery": len(run.received) / (len(run.received) + lost) if run.received or lost else None,
         "planning_median_s": float(np.median(walls)) if len(walls) else None,
         "planning_max_s": float(walls.max()) if len(walls) else None,
-        "sim_s": run.sim_s,
+        "sim_s": run.mission_s,
         "wall_s": run.wall_s,
     }
 
@@ -173,7 +173,7 @@ def work(run: RunData) -> dict[str, Any]:
 def _receptions_lost(run: RunData) -> int:
     """Receptions that failed; packets that were still under way when the recording ended do not count."""
     tdma = section(TdmaConfig, parameters_for(run.parameters, "/auv1/modem_node"), "tdma", "mission file")
-    ended_s = run.sim_s - tdma.send_duration_s - tdma.travel_s
+    ended_s = run.end_s - tdma.send_duration_s - tdma.travel_s
     late = [packet.payload for packet in run.sent if packet.stamp_s > ended_s]
     arrived = sum(packet.payload not in late for packet in run.received)
     return max((len(run.sent) - len(late)) * (len(run.vehicles) - 1) - arrived, 0)

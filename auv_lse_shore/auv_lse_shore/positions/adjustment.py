@@ -137,7 +137,7 @@ def adjust(runs: Sequence[RunData], crossings: bool = False) -> Adjustment:
         TeamErrorModel(config, team.tracks, references, team.earlier_distance_m),
         team.fixes,
         team.ranges,
-        stamp_s=max(run.sim_s for run in runs),
+        stamp_s=max(run.end_s for run in runs),
         terrain=Terrain(segments_of(usable), gp.kernel, gp.prior_mean, settings.gp.noise_std_m),
         terrain_steps=TERRAIN_STEPS,
     )

@@ -62,7 +62,7 @@ def _shifted(run: RunData, offset: float, of_vehicle: Mapping[int, float]) -> Ru
         vehicles=[_shifted_vehicle(v, offset, of_vehicle) for v in run.vehicles],
         sent=[dataclasses.replace(p, stamp_s=p.stamp_s - offset) for p in run.sent],
         received=received,
-        sim_s=run.sim_s - offset,
+        end_s=run.end_s - offset,
     )
 
 
@@ -108,6 +108,6 @@ def merged(runs: Sequence[RunData]) -> RunData:
         vehicles=sorted((v for run in runs for v in run.vehicles), key=lambda v: v.vehicle),
         sent=sorted((p for run in runs for p in run.sent), key=lambda p: (p.stamp_s, p.source)),
         received=sorted((p for run in runs for p in run.received), key=lambda p: (p.stamp_s, p.receiver)),
-        sim_s=max(run.sim_s for run in runs),
+        end_s=max(run.end_s for run in runs),
         notes=list(dict.fromkeys(note for run in runs for note in run.notes)),
     )

@@ -44,7 +44,11 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
         "Map risk of each vehicle's own map minus that of the team's: the cost of lost, late and thinned samples.",
         lambda e: local_risk_error(e) if len(e.local) > 1 else None,
     ),
-    ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),
+    (
+        "depth_map.png",
+        "Depth map from all soundings, its standard deviation and, in simulation only, its error.",
+        depth_map,
+    ),
     (
         "navigation.png",
         "Horizontal error of the position that each vehicle estimated under way. It drops when a vehicle surfaces for "

@@ -47,17 +47,15 @@ def headlines(s: Summary, planned_steps: int, run: RunData | None = None) -> lis
         f"{EXPECTED_LOSS} {s.loss_expected:.3f}{loss} ({COST_PER_LOCATION})",
         *([_unreachable(s)] if s.unreachable_m2 else []),
     ]
-    if s.method in PAPER_METHODS:
+    if s.method in PAPER_METHODS and s.steps:
         bound = "" if s.lower_bound is None else f" (lower bound {s.lower_bound:.0f})"
         lines.append(
             f"the paper's reward: stepwise {s.team_reward:.0f}{bound}; whole path {s.path_reward:.0f} "
             f"(lawnmower {s.lawnmower_value:.0f})"
         )
-    lost = s.packets_lost
-    lines.append(
-        f"packets: {s.packets_sent} sent, {s.packets_received} received"
-        + (f", {counted(lost, 'reception')} lost" if s.vehicles > 1 else "")
-    )
+    if s.vehicles > 1:
+        lost = counted(s.packets_lost, "reception")
+        lines.append(f"packets: {s.packets_sent} sent, {s.packets_received} received, {lost} lost")
     return lines
 
 
@@ -137,7 +135,7 @@ def _reasons(run: RunData) -> list[str]:
 
 
 def _bound_in_brief(s: Summary) -> str:
-    if s.mowing_risk is None:
+    if s.mowing_risk is None or not s.steps:
         return ""
     if not s.map_bound_promised or s.map_bound_kept is None:
         return f"; a lawnmower was expected to reach {s.mowing_risk:.3f}"
@@ -153,9 +151,9 @@ def subtitle(e: Evaluation) -> str:
     early = f" Ended early: {s.steps} of {e.planned_steps} steps." if s.steps < e.planned_steps else ""
     if s.quality_reached:
         early = f" Ended with the quality asked for: {s.steps} of {e.planned_steps} steps."
-    return (
-        f"Search for the {_level(e)} isobath, the line along which the water is {_level(e)} deep. {team}, "
-        f"{s.sim_s / 60.0:.1f} min of mission time{wall}.{early}"
+    lasted = f"{s.sim_s / 60.0:.1f} min"
+    return f"Search for the {_level(e)} isobath, the line along which the water is {_level(e)} deep. {team}, " + (
+        f"{lasted} of mission time{wall}.{early}" if s.steps else f"{lasted}, no legs."
     )
 
 
@@ -181,7 +179,7 @@ def quality_cards(s: Summary) -> list[tuple[str, str]]:
     risk = f"{_three(s.risk_before)} → {_three(s.risk_after)}"
     rows: list[tuple[float | None, Callable[[float], str], str]] = [
         (s.risk_after, lambda _: risk, f"{MAP_RISK} before → after ({COST_PER_LOCATION})"),
-        (s.mowing_risk, _three, lawnmower),
+        (s.mowing_risk if s.steps else None, _three, lawnmower),
         (s.loss_expected, _three, f"{EXPECTED_LOSS} ({COST_PER_LOCATION})"),
         (s.loss_after, _three, f"{ACTUAL_LOSS} ({COST_PER_LOCATION})"),
         (s.delivery, _percent, f"of packets received ({s.packets_sent} sent)"),
@@ -313,8 +311,14 @@ def _bound(e: Evaluation) -> str:
     s, first = e.summary, e.settings[0]
     if s.risk_before < NEGLIGIBLE_LOSS:
         return "Map risk was negligible from the start: the prior leaves no doubt about any location."
-    text = f"Map risk, the mean Bayes risk per location, fell from {_three(s.risk_before)} to {_three(s.risk_after)}."
-    if s.mowing_risk is None:
+    change, why = "fell", ""
+    if s.risk_after > s.risk_before:
+        change, why = "rose", ": the soundings are nearer to the isobath's depth than the prior expected"
+    text = (
+        f"Map risk, the mean Bayes risk per location, {change} from {_three(s.risk_before)} to "
+        f"{_three(s.risk_after)}{why}."
+    )
+    if s.mowing_risk is None or not s.steps:
         return text
     apart = abs(1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0
     share = _percent(apart) if apart >= 0.01 else "less than 1 %"
@@ -435,7 +439,7 @@ def _position(s: Summary) -> str:
 
 def paper_paragraphs(s: Summary) -> list[str]:
     """The paper's reward and its lower bound, explained; nothing for other methods."""
-    if s.method not in PAPER_METHODS:
+    if s.method not in PAPER_METHODS or not s.steps:
         return []
     texts = [
         "The paper rewards a path by the drop of Bayes risk at the path's own locations, not over the map. Summed leg "

@@ -84,7 +84,7 @@ def survey_run(
         }
     }
     last_s = max(float(max(v.soundings.stamp_s.max(), *v.odometry[-1:, 0], 0.0)) for v in vehicles)
-    return RunData(parameters=parameters, vehicles=list(vehicles), origin=origin, sim_s=last_s), area
+    return RunData(parameters=parameters, vehicles=list(vehicles), origin=origin, end_s=last_s), area
 
 
 def _walk_m_rts(vehicles: Sequence[VehicleRun]) -> float:

@@ -46,7 +46,7 @@ def test_summary_of_a_known_mission(evaluation, synthetic_run):
     assert s.f1 > 0.98
     assert s.isobath_error_m < 2.0
     assert s.distance_m == pytest.approx((30 * 15.0 * np.pi / 2.0,) * 2, rel=1e-3)
-    assert s.navigation_error_end_m == pytest.approx((0.002 * run.sim_s,) * 2, rel=1e-3)
+    assert s.navigation_error_end_m == pytest.approx((0.002 * run.end_s,) * 2, rel=1e-3)
     assert (s.packets_sent, s.packets_received) == (len(run.sent), len(run.received))
     assert s.delivery == pytest.approx(len(run.received) / len(run.sent))
     assert s.soundings == 2 * len(run.vehicles[0].soundings)
@@ -138,7 +138,7 @@ def test_a_packet_under_way_at_the_end_is_not_lost(synthetic_run):
     run = synthetic_run(steps=3)
     run.sent, run.received = [], []
     assert (evaluate(run).summary.packets_lost, evaluate(run).summary.delivery) == (0, None)
-    for stamp_s, payload in ((10.0, b"heard"), (20.0, b"lost"), (run.sim_s - 2.0, b"just heard"), (run.sim_s, b"last")):
+    for stamp_s, payload in ((10.0, b"heard"), (20.0, b"lost"), (run.end_s - 2.0, b"just heard"), (run.end_s, b"last")):
         run.sent.append(Transmission(stamp_s=stamp_s, source=1, payload=payload))
         if b"heard" in payload:
             run.received.append(PacketReceived(stamp_s=stamp_s + 2.0, receiver=2, source=1, payload=payload))
@@ -161,7 +161,7 @@ def test_local_map_takes_what_the_vehicle_took_in_its_order(synthetic_run):
     area = OperatingArea(settings[0].area)
     vehicle = run.vehicles[1]
     by_tick = DepthMap(settings[1].gp, settings[1].level_set, area)
-    for tick in range(1, int(run.sim_s) + 2):  # as fleet and nodes do: own soundings, then arrivals
+    for tick in range(1, int(run.end_s) + 2):  # as fleet and nodes do: own soundings, then arrivals
         own, heard = (s[(s.stamp_s > tick - 1) & (s.stamp_s <= tick)] for s in (vehicle.soundings, vehicle.received))
         by_tick.add_soundings(own.rows)
         for arrival, source in dict.fromkeys(zip(heard.stamp_s.tolist(), heard.vehicle.tolist(), strict=True)):

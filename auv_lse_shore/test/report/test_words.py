@@ -149,6 +149,29 @@ def test_the_report_shows_legs_left_by_battery_beside_those_planned(other, tmp_p
     assert "full battery" not in shown(other, tmp_path)
 
 
+def test_a_survey_is_no_mission_that_failed(synthetic_run, tmp_path):
+    run = synthetic_run(steps=30, with_truth=False)
+    later_s = 1.7e9  # stamps of a clock, not of a simulation
+    vehicle = dataclasses.replace(run.vehicles[0], decisions=[], truth=[])
+    vehicle.odometry[:, 0] += later_s
+    vehicle.soundings = dataclasses.replace(vehicle.soundings, stamp_s=vehicle.soundings.stamp_s + later_s)
+    minutes = (vehicle.odometry[-1, 0] - vehicle.odometry[0, 0]) / 60.0
+    survey = dataclasses.replace(run, vehicles=[vehicle], sent=[], received=[], end_s=run.end_s + later_s)
+    evaluation = evaluate(survey)
+    assert subtitle(evaluation).endswith(f"1 underwater vehicle, {minutes:.1f} min, no legs.")
+    shown_text = shown(evaluation, tmp_path)
+    for word in ("lawnmower", "Ended early", "0 of", "path flown"):
+        assert word not in shown_text
+    lines = headlines(evaluation.summary, 30, survey)
+    assert not any("lawnmower" in line or line.startswith("packets") for line in lines)
+    evaluation.summary = dataclasses.replace(evaluation.summary, risk_before=0.3, risk_after=0.4)
+    risk = paragraphs(evaluation)[0]
+    assert risk == (
+        "Map risk, the mean Bayes risk per location, rose from 0.300 to 0.400: the soundings are nearer to the "
+        "isobath's depth than the prior expected."
+    )
+
+
 def cut(run, step):
     """A mission as its recording would hold it, had it been interrupted at a step."""
     for vehicle in run.vehicles:
@@ -159,7 +182,7 @@ def cut(run, step):
         vehicle.truth, vehicle.odometry = vehicle.truth[flown], vehicle.odometry[flown]
         vehicle.soundings = vehicle.soundings[vehicle.soundings.stamp_s <= end_s]
         vehicle.received = vehicle.received[vehicle.received.stamp_s <= end_s]
-        run.sim_s = end_s
+        run.end_s = end_s
     return run
 
 

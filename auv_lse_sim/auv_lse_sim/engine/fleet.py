@@ -363,7 +363,7 @@ class Fleet:
             sent=list(self.sent),
             received=sorted(self.received, key=lambda r: (r.stamp_s, r.receiver, r.source)),
             ground=GroundGrid.sample(self.ground, grid.north_m, grid.east_m, grid.inside),
-            sim_s=self.now_s,
+            end_s=self.now_s,
             wall_s=self._wall_s,
             origin=self.ground.origin or origin_of(self.settings.to_patterns()),
             notes=notes,

@@ -29,12 +29,12 @@ def test_mission_runs_to_its_end(mission):
     assert [v.steps for v in run.vehicles] == [12, 12, 12]
     assert not run.notes
     # 12 legs of 23.56 m at 1.5 m/s, speeds 2 % apart, a tick for the first decision.
-    assert run.sim_s == pytest.approx(12 * 23.56 / 1.5, rel=0.15)
+    assert run.end_s == pytest.approx(12 * 23.56 / 1.5, rel=0.15)
     for v in run.vehicles:
         assert [d.step for d in v.decisions] == list(range(12))
-        assert len(v.truth) == len(v.odometry) == run.sim_s
+        assert len(v.truth) == len(v.odometry) == run.end_s
         assert (np.diff(v.soundings.stamp_s) > 0).all()
-        assert len(v.soundings) > 0.85 * run.sim_s
+        assert len(v.soundings) > 0.85 * run.end_s
         assert all(b.now_s > a.now_s for a, b in zip(v.decisions, v.decisions[1:], strict=False))
 
 
@@ -122,7 +122,7 @@ def test_a_mission_that_cannot_end_is_stopped(monkeypatch):
     f = fleet(**{"mission.vehicles": 1, "mission.steps": 20, "planner.iterations": 5})
     monkeypatch.setattr(f.cores[0].planner, "due", lambda now_s: False)
     run = f.run()
-    assert run.sim_s >= f.settings.longest_s
+    assert run.end_s >= f.settings.longest_s
     assert any("stopped at" in note and "auv1 had not finished" in note for note in run.notes)
 
 

@@ -37,7 +37,7 @@ def test_a_vehicle_holds_and_goes_on_and_no_step_is_lost() -> None:
     first.safety.run.command(Command.GO, "test")
     run = team.run()
     assert [d.step for d in run.vehicles[0].decisions] == list(range(8))
-    assert run.sim_s > 300.0
+    assert run.end_s > 300.0
 
 
 def test_a_mission_on_call_does_not_start_by_itself() -> None:
@@ -64,7 +64,7 @@ def test_an_abort_is_heard_through_the_water_and_ends_the_mission() -> None:
     until(team, 60.0)
     team.cores[0].safety.run.command(Command.ABORT, "test", team=True)
     run = team.run()
-    assert run.sim_s < 200.0
+    assert run.end_s < 200.0
     states = [cores.safety.run.status for cores in team.cores]
     assert [status.state for status in states] == [RunState.ABORTED] * 2
     assert states[1].reason == "ABORT by vehicle 1, by acoustic packet"

@@ -47,7 +47,7 @@ def test_all_vehicles_end_early_although_packets_are_lost(loss: float) -> None:
     assert [cores.safety.run.status.state for cores in team.cores] == [RunState.ENDED] * 2
     assert team.world.vehicles[1].position[2] == 0.0, "it does what vehicle.at_end says"
     assert team.world.vehicles[2].position[2] > 2.0
-    assert any(p.source == 1 and p.stamp_s > run.sim_s for p in team.sent), "it goes on announcing"
+    assert any(p.source == 1 and p.stamp_s > run.end_s for p in team.sent), "it goes on announcing"
 
 
 def test_a_mission_that_ends_early_leads_to_the_recovery_position() -> None:
