@@ -65,6 +65,7 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     """
     s, planned = e.summary, e.planned_steps
     steps = counted(s.steps, "step") if s.steps >= planned else f"{s.steps} of {counted(planned, 'step')}"
+    setting = f"{counted(s.vehicles, 'AUV')}, {steps}, goal {s.goal}, method {s.method}, seed {s.seed}"
     pictures = {name: embed(folder / name, caption) for name, caption in drawn}
     paper = pictures.pop(report_figures.PAPER, None)
     shown = len(VEHICLE_COLUMNS) - (not any(vehicle.battery for vehicle in e.run.vehicles))
