@@ -76,9 +76,7 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         opening=[line.split(": ", 1) for line in words.opening(s)],
         cards=words.cards(e),
         findings=words.findings(e),
-        setting=f"{counted(s.vehicles, 'AUV')}, {steps}, goal {s.goal}, method {s.method}, seed {s.seed}"
-        if s.steps
-        else "",
+        setting=setting if s.steps else "",
         quality=words.quality_cards(s),
         notes=[*words.ended_early(s, planned), *words.batteries(e.run), *e.run.notes],
         pictures=list(pictures.values()),
