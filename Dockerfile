@@ -15,7 +15,7 @@ RUN source /opt/ros/jazzy/setup.bash && \
     colcon build --base-paths src --merge-install --install-base /opt/auv_lse/install --cmake-args -DBUILD_TESTING=OFF
 
 FROM ros:jazzy-ros-core
-# What the package.xml files name, and no more; pymavlink alone comes from pip.
+# What the package.xml files name, and no more. NumPy stays Ubuntu's, with which its SciPy was built.
 RUN apt-get update && apt-get install -y --no-install-recommends \
         python3-matplotlib \
         python3-numpy \
@@ -34,8 +34,6 @@ RUN apt-get update && apt-get install -y --no-install-recommends \
         ros-jazzy-nav-msgs \
         ros-jazzy-rcl-interfaces \
         ros-jazzy-rclpy \
-        ros-jazzy-rosbag2-py \
-        ros-jazzy-rosbag2-storage-mcap \
         ros-jazzy-rosgraph-msgs \
         ros-jazzy-rosidl-default-runtime \
         ros-jazzy-sensor-msgs \
@@ -43,7 +41,9 @@ RUN apt-get update && apt-get install -y --no-install-recommends \
         ros-jazzy-visualization-msgs \
     && rm -rf /var/lib/apt/lists/*
 COPY config/constraints.txt /opt/auv_lse/config/
-RUN python3 -m pip install --no-cache-dir --break-system-packages --constraint /opt/auv_lse/config/constraints.txt pymavlink
+RUN sed '/^numpy==/d' /opt/auv_lse/config/constraints.txt > /tmp/constraints.txt && \
+    python3 -m pip install --no-cache-dir --break-system-packages --constraint /tmp/constraints.txt \
+        mcap pymavlink rosbags
 COPY --from=build /opt/auv_lse/install /opt/auv_lse/install
 # Ubuntu's first user, 1000, opens serial ports and writes dives into the volume.
 RUN usermod --append --groups dialout ubuntu && \

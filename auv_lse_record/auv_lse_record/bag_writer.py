@@ -61,8 +61,7 @@ def message_types(folders: Sequence[Path]) -> Any:
         return types_of(definitions(folders))
     except ImportError:
         raise RecorderError(
-            "recording needs rosbag2_py (sudo apt install ros-jazzy-rosbag2-py ros-jazzy-rosbag2-storage-mcap) or "
-            "rosbags (pip install rosbags); neither is installed"
+            "recording needs the Python package rosbags, which is not installed: pip install rosbags"
         ) from None
 
 

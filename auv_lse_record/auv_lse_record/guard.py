@@ -5,7 +5,8 @@ import shutil
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+
+from auv_lse_record.bag_writer import BagWriter
 
 _MB = 1e6
 
@@ -24,7 +25,7 @@ class GuardedWriter:
     """
 
     def __init__(
-        self, writer: Any, folder: Path, least_free_mb: float, free: Callable[[Path], float] = free_mb
+        self, writer: BagWriter, folder: Path, least_free_mb: float, free: Callable[[Path], float] = free_mb
     ) -> None:
         """Guards a recording.
 
@@ -69,7 +70,7 @@ class GuardedWriter:
             return
         try:
             self._writer.write(topic, stamp_ns, data)
-        except (OSError, RuntimeError) as error:  # rosbag2's own writer raises the latter
+        except OSError as error:
             self._end(f"{self._folder}: {error}")
 
     def close(self) -> None:
@@ -78,7 +79,7 @@ class GuardedWriter:
             return
         try:
             self._writer.close()
-        except (OSError, RuntimeError) as error:
+        except OSError as error:
             self.problem = (
                 f"the recording could not be completed: {self._folder}: {error}. Free space, then: auv_lse recover "
                 f"{shlex.quote(str(self._folder))}"
@@ -86,5 +87,5 @@ class GuardedWriter:
 
     def _end(self, problem: str) -> None:
         self.problem = f"the recording has ended; the mission continues: {problem}"
-        with suppress(OSError, ValueError, RuntimeError):  # a full disk may not even hold the index
+        with suppress(OSError, ValueError):  # a full disk may not even hold the index
             self._writer.close()

@@ -31,13 +31,12 @@ from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, Found, find_topic, recorded_topics
 from auv_lse_msgs.msg import Dive, LockstepDone, LockstepTick
-from auv_lse_record.bag_writer import RecorderError, unused_folder
+from auv_lse_record.bag_writer import BagWriter, RecorderError, message_types, unused_folder
 from auv_lse_record.extra_topics import ExtraTopics
 from auv_lse_record.guard import GuardedWriter, free_mb
 from auv_lse_record.message_types import dive_in, frame_of
 from auv_lse_record.ration import Ration
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT
-from auv_lse_record.rosbag2_writer import make_writer
 from auv_lse_record.size_estimate import estimate_size, lack_of_space
 from auv_lse_record.software import mission_text, version
 
@@ -63,7 +62,9 @@ class RecorderNode(BaseNode):
             folder = Path(config.folder)
             if vehicle_of(self.dive):  # started again in this dive: each start needs a folder of its own
                 folder = unused_folder(folder)
-            writer = make_writer(folder, list(self._share.values()), snapshot, config.flush_s)
+            definitions = list(self._share.values())
+            writer = BagWriter(folder, message_types(definitions), snapshot, config.flush_s)
+            writer.use_definitions(definitions)
             self._bag = GuardedWriter(writer, folder, config.least_free_mb)
         except RecorderError as error:
             raise ParameterError(f"{self.where}: {error}") from error

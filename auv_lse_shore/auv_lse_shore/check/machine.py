@@ -54,10 +54,9 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     _check_link(settings, number, findings)
     if settings.packet.tag and findings.usable("packet.key_file"):
         _check_key(Path(settings.packet.key_file), findings)
-    if settings.record.folder and not any(map(is_installed, ("rosbag2_py", "rosbags"))):
+    if settings.record.folder and not is_installed("rosbags"):
         findings.error(
-            "record.folder: recording needs rosbag2_py or rosbags. Fix: sudo apt install ros-jazzy-rosbag2-py, or pip "
-            "install rosbags"
+            "record.folder: recording needs the Python package rosbags, which is not installed. Fix: pip install rosbags"
         )
     if not settings.record.folder and findings.usable("record.folder"):
         findings.warning("record.folder is empty, so the dive is not recorded; set a folder")

@@ -33,10 +33,9 @@ KEYS = {
     "yaml": "python3-yaml",
 }
 #: Imports without a rosdep key, or with one that calls pip, which Ubuntu 24.04 refuses: named in a comment "pip: ...".
-#: Loaded by their names at run time, not imported: the messages of the topics, and rosbag2's MCAP storage.
+#: Loaded by their names at run time, not imported: the messages of the topics.
 LOADED = {
     "auv_lse_common": {topic.kind.split("/")[0] for topic in (*VEHICLE_TOPICS.values(), *MISSION_TOPICS.values())},
-    "auv_lse_record": {"rosbag2_storage_mcap"},
 }
 FROM_PIP = {"dask", "distributed", "mcap", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
