@@ -55,9 +55,7 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     if settings.packet.tag and findings.usable("packet.key_file"):
         _check_key(Path(settings.packet.key_file), findings)
     if settings.record.folder and not is_installed("rosbags"):
-        findings.error(
-            "record.folder: recording needs the Python package rosbags, which is not installed. Fix: pip install rosbags"
-        )
+        findings.error("record.folder: recording needs the Python package rosbags. Fix: pip install rosbags")
     if not settings.record.folder and findings.usable("record.folder"):
         findings.warning("record.folder is empty, so the dive is not recorded; set a folder")
 
