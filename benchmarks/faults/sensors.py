@@ -27,8 +27,8 @@ from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState
 from auv_lse_mavlink.messages.wire import mavlink
 from auv_lse_mavlink.sounder import Sounder
 from auv_lse_sim.emulated.autopilot_report import Report as Sensed
-from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
 from benchmarks.faults.report import Report
+from benchmarks.navigation.lone_vehicle import LoneVehicle
 
 #: Arguments of a run of a minute.
 SMALL = ("--seeds", "5")

@@ -18,9 +18,9 @@ from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_sim.emulated.autopilot_report import Report
-from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.world import VehicleOutput, World
+from benchmarks.navigation.lone_vehicle import LoneVehicle
 from benchmarks.rows import Row, row
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)

@@ -13,7 +13,7 @@ from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.mission_run import MissionRun, RunState, Stop
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState, Surfaced
-from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
+from benchmarks.navigation.lone_vehicle import LoneVehicle
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 

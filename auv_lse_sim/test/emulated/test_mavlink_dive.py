@@ -22,7 +22,7 @@ from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 from auv_lse_sim.emulated.fault import Fault
-from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
+from benchmarks.navigation.lone_vehicle import LoneVehicle
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 MOTION = MotionTable(MotionConfig())
