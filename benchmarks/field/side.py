@@ -25,7 +25,7 @@ EXECUTED = "executed.txt"
 STATE, CLOCK = "state.json", "clock_off_s"
 
 
-class NotingActor:
+class NotingActor(session.NodeActor):
     """Notes each order that it executes."""
 
     def __init__(self, folder: Path) -> None:

@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.installed_copy import copy_of
@@ -26,19 +26,6 @@ from auv_lse_run.remote.wire import MAX_LINE, PROTOCOL, WireError, decoded, enco
 IDLE_S = 60.0
 #: Longest wait (s) for another session that executes an order; an abort does not wait for it.
 _WAIT_S, _ABORT_WAIT_S = 40.0, 2.0
-
-
-class Actor(Protocol):
-    """What executes the orders of a vehicle."""
-
-    def act(self, order: Order) -> tuple[str, str]:
-        """Executes an order; returns its outcome and a text."""
-
-    def state(self) -> dict[str, Any]:
-        """The vehicle's newest state; each part has its age."""
-
-    def close(self) -> None:
-        """Ends what the session has opened."""
 
 
 class NodeActor:
@@ -123,7 +110,7 @@ class Stream:
 class Session:
     """Answers the requests of one session."""
 
-    def __init__(self, folder: Path, number: int, domain: int, actor: Actor | None = None) -> None:
+    def __init__(self, folder: Path, number: int, domain: int, actor: NodeActor | None = None) -> None:
         """Sets up the session; its time counts from here.
 
         Args:
@@ -131,7 +118,7 @@ class Session:
         """
         self._folder, self._number, self._domain = VehicleFolder(folder), number, domain
         self._orders = OrderStore(folder)
-        self._actor: Actor = actor or NodeActor(folder, number, domain)
+        self._actor = actor or NodeActor(folder, number, domain)
         self._began_s = time.monotonic()
         self._requests: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
             "clock": lambda _: {"clock_s": datetime.now(UTC).timestamp(), "steady_s": time.monotonic()},

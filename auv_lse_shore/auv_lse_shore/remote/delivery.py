@@ -1,25 +1,18 @@
 """Delivers the orders that are due to one vehicle, in one session, again and again until they are answered."""
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
-from typing import Any, Protocol
+from typing import Any
 
 from auv_lse_common.vocabulary.mission_run import STALES
 from auv_lse_run.remote.orders import FOREIGN
-from auv_lse_shore.remote.ledger import Given, Ledger
+from auv_lse_shore.remote.ledger import Given
+from auv_lse_shore.remote.ledger_file import Ledgers
 from auv_lse_shore.remote.ssh import RemoteSession, VehicleError
 
 #: Longest wait (s) for the answer to an order: starting nodes takes some.
 ANSWER_S = 60.0
 #: Orders that are void if they arrive late.
 _DATED = frozenset(command.name.lower() for command in STALES)
-
-
-class Ledgers(Protocol):
-    """Where the ledger is kept."""
-
-    def changed(self) -> AbstractContextManager[Ledger]:
-        """A context with the ledger, whose changes are kept."""
 
 
 def deliver(asking: RemoteSession, ledgers: Ledgers, vehicle: str, name: str, clock: Callable[[], float]) -> str:

@@ -69,3 +69,19 @@ class LedgerFile:
             file.flush()
             os.fsync(file.fileno())
         part.replace(self.path)
+
+
+class MemoryLedger:
+    """A ledger that no file keeps: for an abort from a laptop whose disk is full. It has an id of its own."""
+
+    def __init__(self) -> None:
+        self._ledger = Ledger(secrets.token_hex(8))
+
+    @contextlib.contextmanager
+    def changed(self) -> Iterator[Ledger]:
+        """A context with the ledger."""
+        yield self._ledger
+
+
+#: Where the ledger is kept.
+Ledgers = LedgerFile | MemoryLedger

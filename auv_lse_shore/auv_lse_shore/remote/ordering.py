@@ -1,11 +1,9 @@
 """The orders of auv_lse fleet (start, go, hold, ..., pending): gives them, and reports what became of them."""
 
-import secrets
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -13,10 +11,10 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_run.remote.orders import ACTED
 from auv_lse_shore.remote.checking import check, utc_s
 from auv_lse_shore.remote.contacts import with_each
-from auv_lse_shore.remote.delivery import Ledgers, deliver
+from auv_lse_shore.remote.delivery import deliver
 from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
-from auv_lse_shore.remote.ledger import DROPPED, EXPIRED, PENDING, UNKNOWN, Given, Ledger, LedgerError
-from auv_lse_shore.remote.ledger_file import LedgerFile, laptop_name
+from auv_lse_shore.remote.ledger import DROPPED, EXPIRED, PENDING, UNKNOWN, Given, LedgerError
+from auv_lse_shore.remote.ledger_file import LedgerFile, Ledgers, MemoryLedger, laptop_name
 from auv_lse_shore.remote.ssh import LinkError, VehicleError, session
 
 #: How recent (s) a check must be for GO.
@@ -42,18 +40,6 @@ class Wish:
     wait_s: float = 20.0
     anyway: bool = False
     take_over: bool = False
-
-
-class MemoryLedger:
-    """A ledger that no file keeps: for an abort from a laptop whose disk is full. It has an id of its own."""
-
-    def __init__(self) -> None:
-        self._ledger = Ledger(secrets.token_hex(8))
-
-    @contextmanager
-    def changed(self) -> Iterator[Ledger]:
-        """A context with the ledger."""
-        yield self._ledger
 
 
 def ordered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], wish: Wish) -> int:

@@ -2,12 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.missing_packages import missing
-from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.transport import AddressError, read_address
 
 try:
@@ -21,43 +18,27 @@ from auv_lse_sim.emulated.autopilot_report import autopilot_of
 from auv_lse_sim.emulated.host_ports import LOCAL_HOSTS
 from auv_lse_sim.emulated.mavlink_dock import Autopilot, MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import SURFACE_M, AutopilotSetup, MavlinkVehicle
-from auv_lse_sim.vehicle.piloted import Pilot
 from auv_lse_sim.vehicle.vehicle import tightest_radius_m
+from auv_lse_sim.world import World
 
 
-class Body(Protocol):
-    """What an autopilot moves: the vehicles of a `World`."""
-
-    def command(self, vehicle: int, leg: Leg) -> None:
-        """Gives a vehicle its next leg."""
-
-    def obey(self, vehicle: int, stop: Stop | None) -> None:
-        """Makes a vehicle stop, or continue (None)."""
-
-    def dive(self, vehicle: int, depth_m: float) -> None:
-        """Sets the depth (m) at which a vehicle travels."""
-
-    def pilot(self, vehicle: int, pilot: Pilot) -> None:
-        """Hands a vehicle over to an autopilot with a trajectory of its own."""
-
-
-def dock_of(settings: Settings, numbers: Sequence[int], body: Body) -> MavlinkDock:
-    """Opens the ports of the autopilots of the vehicles `numbers`, which move `body`.
+def dock_of(settings: Settings, numbers: Sequence[int], world: World) -> MavlinkDock:
+    """Opens the ports of the autopilots of the vehicles `numbers`, which move the vehicles of `world`.
 
     Raises:
         OSError: if a port cannot be opened.
         AddressError: if `link.endpoint` is no UDP port of this machine.
     """
     origin = Origin.of(settings.area)
-    autopilots = {k: autopilot_for(settings, k, origin, body) for k in numbers}
+    autopilots = {k: autopilot_for(settings, k, origin, world) for k in numbers}
     return MavlinkDock(autopilots, {k: _endpoint(settings.vehicle(k).link.endpoint) for k in numbers})
 
 
-def autopilot_for(settings: Settings, k: int, origin: Origin | None, body: Body) -> Autopilot:
+def autopilot_for(settings: Settings, k: int, origin: Origin | None, world: World) -> Autopilot:
     """The autopilot of vehicle `k`, as `sim.autopilot.firmware` selects it; it uses the mission's `origin`."""
     if settings.sim.autopilot.firmware == "generic":
-        return _generic(settings, k, origin, body)
-    return _ardupilot(settings, k, origin, body)
+        return _generic(settings, k, origin, world)
+    return _ardupilot(settings, k, origin, world)
 
 
 def _height_m(settings: Settings, k: int) -> float:
@@ -69,26 +50,26 @@ def _start(settings: Settings, k: int) -> tuple[float, float, float]:
     return vehicle.start_heading_rad, vehicle.start_north_m, vehicle.start_east_m
 
 
-def _generic(settings: Settings, k: int, origin: Origin | None, body: Body) -> MavlinkVehicle:
+def _generic(settings: Settings, k: int, origin: Origin | None, world: World) -> MavlinkVehicle:
     vehicle, link = settings.vehicle(k).vehicle, settings.vehicle(k).link
     return MavlinkVehicle(
         link.autopilot_system_id or k,
         _start(settings, k),
         settings.motion.turn_radius_m,
         origin,
-        lambda leg: body.command(k, leg),
-        obey=lambda stop: body.obey(k, stop),
+        lambda leg: world.command(k, leg),
+        obey=lambda stop: world.obey(k, stop),
         tightest_m=tightest_radius_m(vehicle, settings.sim),
         setup=AutopilotSetup(
             origin_height_m=_height_m(settings, k),
             pressure=link.pressure,
-            dive=lambda depth_m: body.dive(k, depth_m),
+            dive=lambda depth_m: world.dive(k, depth_m),
             is_boat=vehicle.depth_m <= SURFACE_M,
         ),
     )
 
 
-def _ardupilot(settings: Settings, k: int, origin: Origin | None, body: Body) -> ArduPilot:
+def _ardupilot(settings: Settings, k: int, origin: Origin | None, world: World) -> ArduPilot:
     link, vehicle = settings.vehicle(k).link, settings.vehicle(k).vehicle
     personality = ROVER if vehicle.depth_m <= SURFACE_M else SUB
     setup = Setup(
@@ -100,7 +81,7 @@ def _ardupilot(settings: Settings, k: int, origin: Origin | None, body: Body) ->
         lasts_m=math.inf if vehicle.battery_km is None else 1000.0 * vehicle.battery_km,
     )
     system = link.autopilot_system_id or k
-    return ArduPilot(system, _start(settings, k), origin, lambda pilot: body.pilot(k, pilot), setup)
+    return ArduPilot(system, _start(settings, k), origin, lambda pilot: world.pilot(k, pilot), setup)
 
 
 def _endpoint(endpoint: str) -> str:

@@ -6,37 +6,11 @@ import socket
 import tty
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Protocol
 
 #: Bytes kept for a host that does not read; older bytes are dropped.
 MAX_UNREAD_BYTES = 1 << 16
 #: Names of this machine in addresses.
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
-
-
-class HostPort(Protocol):
-    """A port on which a host can reach an emulated modem."""
-
-    @property
-    def port(self) -> str:
-        """The port's address in the form of `modem.port`."""
-        ...
-
-    def filenos(self) -> Iterable[int]:
-        """File descriptors to wait on."""
-        ...
-
-    def read(self) -> bytes:
-        """Bytes from the host; b"" if there are none."""
-        ...
-
-    def write(self, data: bytes) -> None:
-        """Writes without blocking; keeps the rest for the next call (b"" tries again)."""
-        ...
-
-    def close(self) -> None:
-        """Removes the port."""
-        ...
 
 
 class _Unread:
@@ -90,22 +64,22 @@ class PtyPort:
         return str(self._link) if self._link is not None else self._device
 
     def filenos(self) -> Iterable[int]:
-        """See `HostPort`."""
+        """File descriptors to wait on."""
         return (self._master,)
 
     def read(self) -> bytes:
-        """See `HostPort`."""
+        """Bytes from the host; b"" if there are none."""
         try:
             return os.read(self._master, 65536)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> None:
-        """See `HostPort`."""
+        """Writes without blocking; keeps the rest for the next call (b"" tries again)."""
         self._unread.write(data, lambda part: os.write(self._master, part))
 
     def close(self) -> None:
-        """See `HostPort`."""
+        """Removes the port."""
         if self._master < 0:
             return
         os.close(self._master)
@@ -133,11 +107,11 @@ class TcpServerPort:
         return f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
 
     def filenos(self) -> Iterable[int]:
-        """See `HostPort`."""
+        """File descriptors to wait on."""
         return (self._server.fileno(),) if self._client is None else (self._server.fileno(), self._client.fileno())
 
     def read(self) -> bytes:
-        """See `HostPort`; also accepts a new host."""
+        """Bytes from the host, b"" if there are none; accepts a new host."""
         with contextlib.suppress(BlockingIOError):
             client, _ = self._server.accept()
             if self._client is not None:
@@ -160,13 +134,17 @@ class TcpServerPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """See `HostPort`; drops the bytes without a host."""
+        """As `PtyPort.write`; drops the bytes without a host."""
         client = self._client
         if client is not None:
             self._unread.write(data, client.send)
 
     def close(self) -> None:
-        """See `HostPort`."""
+        """Removes the port."""
         if self._client is not None:
             self._client.close()
         self._server.close()
+
+
+#: A port on which a host can reach an emulated modem.
+HostPort = PtyPort | TcpServerPort

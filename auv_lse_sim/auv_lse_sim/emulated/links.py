@@ -20,10 +20,9 @@ from auv_lse_sim.emulated.host_ports import LOCAL_HOSTS, HostPort, PtyPort, TcpS
 from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
 from auv_lse_sim.water.channel import Arrival
-from auv_lse_sim.world import VehicleOutput
+from auv_lse_sim.world import VehicleOutput, World
 
 if TYPE_CHECKING:
-    from auv_lse_sim.emulated.autopilots import Body
     from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 
 
@@ -41,13 +40,13 @@ class EmulatedLinks:
         self,
         settings: Settings,
         transmit: Callable[[int, float, bytes], float],
-        body: Body,
+        world: World,
     ) -> None:
         """Opens the ports.
 
         Args:
             transmit: Sends (vehicle, start (s), payload) into the water; returns the transmission's duration (s).
-            body: The vehicles that autopilots move.
+            world: The vehicles that autopilots move.
 
         Raises:
             ParameterError: if a port cannot be opened; names it and the reason.
@@ -66,7 +65,7 @@ class EmulatedLinks:
             if self.autopilots:
                 from auv_lse_sim.emulated.autopilots import dock_of  # needs pymavlink
 
-                self.dock = dock_of(settings, self.autopilots, body)
+                self.dock = dock_of(settings, self.autopilots, world)
         except (OSError, AddressError) as error:
             self.close()
             raise ParameterError(f"{settings.where}: emulated links: {error}") from error

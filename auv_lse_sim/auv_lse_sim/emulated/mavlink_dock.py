@@ -1,34 +1,15 @@
 """The simulated autopilots of a team, each on its UDP port."""
 
 import select
-from collections import Counter
 from collections.abc import Mapping
-from typing import Protocol
 
 from auv_lse_comms.transport import UdpPort, read_address
+from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
 from auv_lse_sim.emulated.autopilot_report import Report
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 
-
-class Autopilot(Protocol):
-    """A simulated autopilot.
-
-    Attributes:
-        counts: Numbers of received "targets" and accepted "missions", among others.
-    """
-
-    counts: Counter[str]
-
-    def receive(self, now_s: float, data: bytes) -> None:
-        """Takes bytes from a companion or ground station."""
-
-    def report(self, now_s: float, report: Report) -> None:
-        """Takes the vehicle's estimate at the end of a tick, and sends the telemetry."""
-
-    def send_on_deck(self, now_s: float, pressure_pa: float) -> None:
-        """Sends what the other side needs before the mission; `pressure_pa` is the pressure on deck (Pa)."""
-
-    def outgoing(self) -> list[bytes]:
-        """The datagrams to send; returns each once."""
+#: A simulated autopilot.
+Autopilot = ArduPilot | MavlinkVehicle
 
 
 class MavlinkDock:

@@ -1,88 +1,46 @@
 """Commands (COMMAND_LONG) that a simulated ArduPilot carries out, and the messages that can be requested."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from auv_lse_mavlink.messages.wire import Message, mavlink
-from auv_lse_sim.emulated.ardupilot.parameters import Parameters
-from auv_lse_sim.emulated.ardupilot.streams import Streams
+
+if TYPE_CHECKING:
+    from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
 
 
-class Commanded(Protocol):
-    """What commands do to an autopilot."""
-
-    parameters: Parameters
-    streams: Streams
-    armed: bool
-
-    @property
-    def now_s(self) -> float:
-        """Time (s)."""
-        ...
-
-    def arm(self, on: bool) -> bool:
-        """Arms or disarms; returns whether it could."""
-        ...
-
-    def set_mode(self, number: int) -> bool:
-        """Changes the mode; returns whether it could."""
-        ...
-
-    def change_speed(self, speed_mps: float) -> bool:
-        """Changes the speed; returns whether it could."""
-        ...
-
-    def restart_mission(self, number: int) -> bool:
-        """Restarts the mission from an item; returns whether it could."""
-        ...
-
-    def select(self, number: int) -> bool:
-        """Selects an item of the mission; returns whether it could."""
-        ...
-
-    def reboot(self, now_s: float) -> None:
-        """Boots."""
-        ...
-
-    def send(self, message: Message) -> None:
-        """Sends a message."""
-        ...
-
-    def send_origin(self, home: bool = False) -> None:
-        """Sends the origin, if there is one."""
-        ...
-
-
-def _arm(autopilot: Commanded, command: Message) -> bool:
+def _arm(autopilot: ArduPilot, command: Message) -> bool:
     return autopilot.arm(command.param1 == 1.0)
 
 
-def _set_mode(autopilot: Commanded, command: Message) -> bool:
+def _set_mode(autopilot: ArduPilot, command: Message) -> bool:
     return autopilot.set_mode(int(command.param2))
 
 
-def _change_speed(autopilot: Commanded, command: Message) -> bool:
+def _change_speed(autopilot: ArduPilot, command: Message) -> bool:
     return autopilot.change_speed(float(command.param2))
 
 
-def _start_mission(autopilot: Commanded, command: Message) -> bool:
+def _start_mission(autopilot: ArduPilot, command: Message) -> bool:
     """Acknowledged without effect."""
     return True
 
 
-def _set_current(autopilot: Commanded, command: Message) -> bool:
+def _set_current(autopilot: ArduPilot, command: Message) -> bool:
     number = int(command.param1)
     if command.param2 == 1.0:
         return autopilot.restart_mission(number)
     return autopilot.select(number)
 
 
-def _set_interval(autopilot: Commanded, command: Message) -> bool:
+def _set_interval(autopilot: ArduPilot, command: Message) -> bool:
     autopilot.streams.set_interval(int(command.param1), float(command.param2))
     return True
 
 
-def _reboot(autopilot: Commanded, command: Message) -> bool:
+def _reboot(autopilot: ArduPilot, command: Message) -> bool:
     if command.param1 == 1.0 and not autopilot.armed:
         autopilot.reboot(autopilot.now_s)
         return True
@@ -90,7 +48,7 @@ def _reboot(autopilot: Commanded, command: Message) -> bool:
 
 
 #: What each command does; returns whether it could.
-COMMANDS: dict[int, Callable[[Commanded, Message], bool]] = {
+COMMANDS: dict[int, Callable[[ArduPilot, Message], bool]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
     mavlink.MAV_CMD_DO_SET_MODE: _set_mode,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
@@ -101,7 +59,7 @@ COMMANDS: dict[int, Callable[[Commanded, Message], bool]] = {
 }
 
 
-def _send_version(autopilot: Commanded) -> None:
+def _send_version(autopilot: ArduPilot) -> None:
     able = (
         mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -113,7 +71,7 @@ def _send_version(autopilot: Commanded) -> None:
 
 
 #: What REQUEST_MESSAGE sends, by message id. The origin's request is accepted even if there is none to send.
-MESSAGES: dict[int, Callable[[Commanded], None]] = {
+MESSAGES: dict[int, Callable[[ArduPilot], None]] = {
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _send_version,
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda autopilot: autopilot.send_origin(),
 }

@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 
@@ -66,32 +65,6 @@ class Pose:
     def at_rest(cls, heading_rad: float, north_m: float, east_m: float, depth_m: float = 0.0) -> Pose:
         """A vehicle that does not move."""
         return cls(position_m=np.array([north_m, east_m, depth_m]), heading_rad=heading_rad, velocity_mps=np.zeros(3))
-
-
-class Guidance(Protocol):
-    """Moves one vehicle; times (s) never decrease."""
-
-    @property
-    def has_arrived(self) -> bool:
-        """Whether the vehicle is at its last target, or has a command to stop."""
-
-    def at(self, now_s: float) -> Pose:
-        """The pose at a time."""
-
-    def correct(self, now_s: float, north_m: float, east_m: float, depth_m: float, heading_rad: float) -> None:
-        """Takes the estimate at `now_s`; the vehicle may have been carried off."""
-
-    def go(self, now_s: float, position_m: Array, heading_rad: float, speed_mps: float) -> None:
-        """Goes to north, east, depth (m), shape (3,), with a heading (NaN: any) at a speed."""
-
-    def hold(self, now_s: float) -> None:
-        """Stops."""
-
-    def ascend(self, now_s: float) -> None:
-        """Comes to the surface where the vehicle is."""
-
-    def drift(self, now_s: float) -> None:
-        """Stops the motors."""
 
 
 @lru_cache(maxsize=1)
@@ -305,3 +278,7 @@ class RoverGuidance:
         heading = math.remainder(heading + rate_radps * step_s, 2.0 * math.pi)
         velocity = self._speed_mps * np.array([math.cos(heading), math.sin(heading), 0.0])
         self._pose = Pose(position_m=position + velocity * step_s, heading_rad=heading, velocity_mps=velocity)
+
+
+#: Moves one vehicle; times (s) never decrease.
+Guidance = SubGuidance | RoverGuidance
