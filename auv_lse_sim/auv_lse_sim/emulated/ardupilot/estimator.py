@@ -45,6 +45,16 @@ class Estimator:
         return 0.0 if self._boot_s is None else self._now_s - self._boot_s
 
     @property
+    def boot_ms(self) -> int:
+        """Time since boot (ms), as messages count it."""
+        return round(self.up_s * 1000.0) % 2**32
+
+    @property
+    def unix_us(self) -> int:
+        """UTC (us since 1970); 0: unknown, without GPS."""
+        return round(self._now_s * 1e6) if self.uses_gps else 0
+
+    @property
     def uses_gps(self) -> bool:
         """Whether there is a GPS receiver."""
         return self._setup.aiding == "gps"
