@@ -5,8 +5,6 @@ send, `findings` lists what was seen and what is missing, `changes` the paramete
 it finds what the link will find.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """auv_lse autopilot-check: connects to an autopilot, or a simulation of one, and reports what is missing."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

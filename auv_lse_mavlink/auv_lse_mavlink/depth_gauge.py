@@ -23,8 +23,6 @@ shifts. When the autopilot reboots or gets another origin, its datum may change 
 *No pressure* for `link.stale_after_s`: depth is the autopilot's own minus the last offset, and `problem` reports it.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable

@@ -4,8 +4,6 @@ The message package is not on PyPI; where it is not installed, nothing is subscr
 an autopilot with a DVL has it in its estimate.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Reads the messages of ArduPilot's logs with pymavlink: dataflash (.bin) and telemetry (.tlog)."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """The diagnostics that vehicle_link_node publishes about the autopilot."""
 
-from __future__ import annotations
-
 from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_mavlink.link import VehicleLink
 from auv_lse_mavlink.targets.obedience import IGNORED_S

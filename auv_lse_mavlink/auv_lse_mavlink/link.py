@@ -24,8 +24,6 @@ Waypoints arrive as ends of legs (`targets/sender.py`). While the link is down, 
 failsafe acts. When it is up again, the current target, or the mission, is sent again.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 from collections import Counter

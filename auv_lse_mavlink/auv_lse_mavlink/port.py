@@ -1,7 +1,5 @@
 """A vehicle's MAVLink link on its endpoint, with the sounder; `vehicle_link_node` owns one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

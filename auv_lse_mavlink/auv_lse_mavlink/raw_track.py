@@ -6,8 +6,6 @@ not explain, and all steps at the surface after the first dive. When the vehicle
 dead-reckoned position are reported as a fix.
 """
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_common.vocabulary.dead_reckoning import Fix

@@ -6,8 +6,6 @@ water depth at their mean position and time, as the simulator makes them (docs/d
 once odometry is `LATE_S` past its end, so that altitudes may come that much later than odometry.
 """
 
-from __future__ import annotations
-
 import bisect
 import math
 from collections import Counter, deque

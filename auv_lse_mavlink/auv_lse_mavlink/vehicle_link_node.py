@@ -1,7 +1,5 @@
 """Connects the stack to the autopilot over MAVLink: odometry, altitude, pressure and soundings in, waypoints out."""
 
-from __future__ import annotations
-
 import auv_lse_common.node.executable  # noqa: F401  # first: prepares the process
 
 # isort: split

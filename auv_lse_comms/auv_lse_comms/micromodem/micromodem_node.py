@@ -1,7 +1,5 @@
 """Drives a Micromodem-2 (or an emulated one): sends packets from modem/tx, publishes received ones on modem/rx."""
 
-from __future__ import annotations
-
 import auv_lse_common.node.executable  # noqa: F401  # first: prepares the process
 
 # isort: split

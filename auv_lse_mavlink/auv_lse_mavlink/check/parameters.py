@@ -1,7 +1,5 @@
 """Reads an autopilot's parameters, proposes changes, sets them and verifies them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import struct

@@ -4,8 +4,6 @@ Names are those of ArduPilot 4.1 to 4.7, then of 4.8, which renamed some and cha
 by what the vehicle does: one that disarms it is a fault, since it drifts or sinks.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """An autopilot's clock: its time since boot, converted to UTC with its SYSTEM_TIME."""
 
-from __future__ import annotations
-
 #: The autopilot's UTC is used if it is within this of the host's clock (s).
 MAX_CLOCK_OFFSET_S = 2.0
 #: A time since boot that is less than the last one by more than this means a reboot, by less a reordered datagram (ms).

@@ -14,8 +14,6 @@ The autopilot's origin is that of its estimator (GPS_GLOBAL_ORIGIN). If it diffe
 shifted by the offset. Both planes are assumed parallel: within 1 km the error is below 0.1 m.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Events that the link to the autopilot reports to its owner."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Flight modes in which autopilots follow targets (HEARTBEAT.custom_mode)."""
 
-from __future__ import annotations
-
 from auv_lse_mavlink.messages.wire import mavlink
 
 _PX4_MAIN, _PX4_SUB = 16, 24  # bits of custom_mode where PX4 has its main mode and its sub mode

@@ -1,7 +1,5 @@
 """The autopilot's origin: requested until it is known, set if there is none, refused if it is implausible."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable

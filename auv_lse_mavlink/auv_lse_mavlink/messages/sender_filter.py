@@ -1,7 +1,5 @@
 """Tells the autopilot's datagrams from those of other senders on the same port, at a bounded cost."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from auv_lse_mavlink.messages.wire import MavlinkCodec

@@ -1,7 +1,5 @@
 """What an autopilot reports about itself: mode, arming, battery, leak, and texts for the operator."""
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_mavlink.messages.wire import Message, mavlink

@@ -8,8 +8,6 @@ therefore sends a nonce in a TIMESYNC request. A sender's messages count from it
 recording contains. Nothing has to be remembered across restarts.
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 from collections import Counter

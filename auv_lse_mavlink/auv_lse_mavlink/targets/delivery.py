@@ -17,8 +17,6 @@ ArduPilot does not echo the targets that it accepts.
 Other autopilots get their target every `link.target_period_s`. PX4 leaves Offboard without it.
 """
 
-from __future__ import annotations
-
 import math
 
 from auv_lse_common.vocabulary.frames import wrap_pi

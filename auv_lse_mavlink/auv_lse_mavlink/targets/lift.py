@@ -5,8 +5,6 @@ line comes too near to the ground, and at most every `LOWER_EVERY_S` when it is 
 too steep, the vehicle first climbs where it is, and then continues.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

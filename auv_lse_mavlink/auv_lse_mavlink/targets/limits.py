@@ -1,7 +1,5 @@
 """Limits of the targets that an autopilot may be sent: the fence and the greatest depth."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

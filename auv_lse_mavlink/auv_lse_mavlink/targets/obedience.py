@@ -13,8 +13,6 @@ at the surface          shallower than `AFLOAT_M`           rising
 back at depth           within `AT_DEPTH_M` of it           diving
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

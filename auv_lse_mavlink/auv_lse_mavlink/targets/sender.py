@@ -28,8 +28,6 @@ A target that is too deep, or outside the fence and farther out than the vehicle
 `problem` says that the autopilot refuses its mission, or that the vehicle does not follow its target (`obedience.py`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import Counter, deque

@@ -6,8 +6,6 @@ UP      shallower than `SURFACED_M`, and GPS has had a fix for `FIX_S`     DOWN
 DOWN    within `AT_DEPTH_M` of the leg's depth                             over
 """
 
-from __future__ import annotations
-
 import dataclasses
 import enum
 import math

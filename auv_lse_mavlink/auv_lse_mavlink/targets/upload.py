@@ -20,8 +20,6 @@ MISSION_SET_CURRENT makes an item the current one. ArduPilot does not restart a 
 accepts the next one; it needs the command DO_SET_MISSION_CURRENT with a reset. Older ArduPilots lack that command.
 """
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Callable, Sequence
 

@@ -4,8 +4,6 @@ ArduSub flies a straight line in space to its target. A vehicle that has drifted
 was when the target was chosen.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 from auv_lse_mavlink.messages.conversion import Target

@@ -1,7 +1,5 @@
 """The targets that lead an autopilot along the planner's waypoints and to its stops."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -5,8 +5,6 @@ port that `modem.port` names (a link to a pty, or a TCP port of this machine); `
 autopilot that calls the UDP port on which `link.endpoint` listens. No ROS, no clock and no threads.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sends the page's commands to the vehicles' missions, as auv_lse go does."""
 
-from __future__ import annotations
-
 import getpass
 import time
 from dataclasses import dataclass, field
