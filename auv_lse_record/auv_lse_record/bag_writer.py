@@ -8,34 +8,16 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from auv_lse_common.support.arrays import Ints
 from auv_lse_record.message_types import definitions, types_of
 
 #: Separator of the definitions of a type and of the types in it.
 _RULE = 80 * "=" + "\n"
-
-#: Beginning of a message in an MCAP file.
-_RECORD = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("size", "<u8"),
-        ("channel", "<u2"),
-        ("number", "<u4"),
-        ("logged_ns", "<i8"),
-        ("published_ns", "<i8"),
-    ]
-)
-#: Size from which a chunk is closed.
-_CHUNK_BYTES = 1 << 20
 
 
 class RecorderError(ValueError):
@@ -168,72 +150,9 @@ class BagWriter:
             storage.close_chunk()
             storage.bio.flush()
 
-    def write_rows(self, topic: str, stamps_ns: Ints, rows: NDArray[np.uint8]) -> None:
-        """Writes many messages of equal size: CDR bytes (n, size), stamped `stamps_ns` (n,), in order."""
-        if not len(stamps_ns):
-            return
-        connection, writer, storage = self._connections[topic], self._writer, cast(Any, self._writer.storage)
-        start, width = storage.chunk.bio.tell(), _RECORD.itemsize + rows.shape[1]
-        records = np.empty((len(rows), width), dtype=np.uint8)
-        heads = np.empty(len(rows), dtype=_RECORD)
-        heads["opcode"], heads["size"], heads["channel"], heads["number"] = 5, width - 9, connection.id, 0
-        heads["logged_ns"] = heads["published_ns"] = stamps_ns
-        records[:, : _RECORD.itemsize] = heads.view(np.uint8).reshape(len(rows), -1)
-        records[:, _RECORD.itemsize :] = rows
-        storage.chunk.bio.write(records.data)
-        positions = np.arange(start, start + width * len(rows), width)
-        entries, index = np.column_stack([stamps_ns, positions]), storage.chunk.msgs.get(connection.id, ())
-        if not isinstance(index, _Index):
-            index = storage.chunk.msgs[connection.id] = _Index(index)
-        index.extend(entries)
-        storage.channel_stats[connection.id] += len(rows)
-        writer.counts[connection.id] += len(rows)
-        first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
-        for part in (storage, storage.chunk):
-            part.message_start_time = min(part.message_start_time, first_ns)
-            part.message_end_time = max(part.message_end_time, last_ns)
-        writer.min_timestamp = min(writer.min_timestamp, first_ns)
-        writer.max_timestamp = max(writer.max_timestamp, last_ns)
-        self.count += len(rows)
-        if storage.chunk.bio.tell() > _CHUNK_BYTES:
-            storage.close_chunk()
-
     def close(self) -> None:
         """Closes the recording: writes the index and metadata.yaml."""
         self._writer.close()
-
-
-class _Index:
-    """Index of a topic's messages in a chunk, in place of the list of stamps and positions that rosbags keeps.
-
-    rosbags turns each number into bytes by `to_bytes` and writes it, which takes longer than all else for many rows.
-    It gets all of them as one "number" here.
-    """
-
-    def __init__(self, entries: Iterable[tuple[int, int]]) -> None:
-        self._entries = [np.array(list(entries), dtype="<u8").reshape(-1, 2)]
-
-    def __len__(self) -> int:
-        return sum(map(len, self._entries))
-
-    def __iter__(self) -> Iterator[tuple[_Bytes, _Bytes]]:
-        yield _Bytes(b"".join(entries.tobytes() for entries in self._entries)), _Bytes()
-
-    def append(self, entry: tuple[int, int]) -> None:
-        """Adds a message."""
-        self.extend(np.array([entry]))
-
-    def extend(self, entries: Ints) -> None:
-        """Adds messages, shape (n, 2)."""
-        self._entries.append(entries.astype("<u8"))
-
-
-class _Bytes(bytes):
-    """Bytes that rosbags writes as if they were a number."""
-
-    def to_bytes(self, length: int, byteorder: str) -> bytes:
-        """Itself."""
-        return self
 
 
 def _add_checksums(storage: Any) -> None:

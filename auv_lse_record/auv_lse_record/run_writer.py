@@ -1,9 +1,8 @@
 """Writes a mission of the fleet engine as a recording for `read_run` and `ros2 bag play`, without ROS."""
 
-import itertools
+import heapq
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport, Rec
 from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, full_name
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.sounding import Sounding
+from auv_lse_record.bag_writer import BagWriter
 from auv_lse_record.message_rows import MessageRows
 from auv_lse_record.message_types import make_message, message_folder, project_types
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT, RecordingError
@@ -27,7 +27,9 @@ from auv_lse_record.software import version
 _AT_ONCE = 1000
 #: Times (s) from here on are UTC since 1970; smaller ones count from the start of a simulation.
 FIRST_UTC_S = 1e9
-#: A message to write: time (s), topic, type, fields, latched.
+#: A message to write: time (ns), topic, bytes (CDR).
+Message = tuple[int, str, bytes]
+#: A message to serialize: time (s), topic, type, fields, latched.
 Record = tuple[float, str, str, Fields, bool]
 
 
@@ -51,8 +53,6 @@ def write_run(run: RunData, folder: Path) -> None:
     Raises:
         RecordingError: if there is a recording, or this project's message definitions are missing.
     """
-    from auv_lse_record.bag_writer import BagWriter  # needs rosbags
-
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / "bag").exists():
         raise RecordingError(f"{folder / 'bag'} exists. Choose a folder without a recording.")
@@ -63,40 +63,32 @@ def write_run(run: RunData, folder: Path) -> None:
     write_mission_file(folder / "mission.yaml", run.parameters)
     store = project_types()
     writer = BagWriter(folder / "bag", store, {}, flush_s=math.inf)
-    tracks = [track for vehicle in run.vehicles for track in _tracks(store, vehicle)]
-    for track in tracks:
-        writer.add_topic(track.name, track.kind)
-    records = iter([*sorted(_records(run), key=lambda record: record[0]), None])
-    record = next(records)
-    topics: set[str] = set()
-    edges = np.sort(np.concatenate([np.zeros(1), *(track.stamps_s for track in tracks)]))[::_AT_ONCE].tolist()
-    for start_s, end_s in itertools.pairwise([*edges, math.inf]):
-        while record is not None and record[0] < end_s:
-            stamp_s, name, kind, fields, latched = record
-            if name not in topics:
-                topics.add(name)
-                writer.add_topic(name, kind, latched)
-            message = make_message(store, kind, fields)
-            writer.write(name, round(stamp_s * 1e9), bytes(store.serialize_cdr(message, kind)))
-            record = next(records)
-        for track in tracks:
-            start, stop = np.searchsorted(track.stamps_s, (start_s, end_s)).tolist()
-            writer.write_rows(track.name, stamps_ns(track.stamps_s[start:stop]), track.messages.between(start, stop))
+    tracks = [track for vehicle in run.vehicles for track in _tracks(store, vehicle, writer)]
+    for stamp_ns, name, data in heapq.merge(_others(run, store, writer), *tracks, key=lambda message: message[0]):
+        writer.write(name, stamp_ns, data)
     writer.close()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Track:
-    """Messages of a topic that differ only in numbers, in order of their stamps (s)."""
-
-    name: str
-    kind: str
-    stamps_s: Array
-    messages: MessageRows
+def _rows(name: str, stamps_s: Array, messages: MessageRows) -> Iterator[Message]:
+    """The messages of a track."""
+    for start in range(0, len(stamps_s), _AT_ONCE):
+        stamps = stamps_ns(stamps_s[start : start + _AT_ONCE]).tolist()
+        for stamp_ns, row in zip(stamps, messages.between(start, start + len(stamps)), strict=True):
+            yield stamp_ns, name, row.tobytes()
 
 
-def _tracks(store: Any, run: VehicleRun) -> Iterator[_Track]:
-    """A vehicle's tracks and soundings."""
+def _others(run: RunData, store: Any, writer: BagWriter) -> Iterator[Message]:
+    """All other messages of a run, whose topics it adds."""
+    topics: set[str] = set()
+    for stamp_s, name, kind, fields, latched in sorted(_records(run), key=lambda record: record[0]):
+        if name not in topics:
+            topics.add(name)
+            writer.add_topic(name, kind, latched)
+        yield round(stamp_s * 1e9), name, bytes(store.serialize_cdr(make_message(store, kind, fields), kind))
+
+
+def _tracks(store: Any, run: VehicleRun, writer: BagWriter) -> Iterator[Iterator[Message]]:
+    """The messages of a vehicle's tracks and soundings, in order of their stamps; adds their topics."""
     still = DeadReckoning(stamp_s=0.0, heading_rad=0.0, north_m=0.0, east_m=0.0, depth_m=0.0)
     placed = Odometry(stamp_s=0.0, heading_rad=0.0, north_m=0.0, east_m=0.0)
     odometry, stds = _in_order(run.odometry), np.zeros((len(run.odometry), 2))
@@ -113,7 +105,8 @@ def _tracks(store: Any, run: VehicleRun) -> Iterator[_Track]:
             assert topic.encode is not None, f"{topic.name}: the table of topics does not encode it"
             messages = MessageRows(store, topic.kind, topic.encode(value, run.vehicle), columns)
             name = full_name(topic, run.vehicle)
-            yield _Track(name=name, kind=topic.kind, stamps_s=stamps_s, messages=messages)
+            writer.add_topic(name, topic.kind)
+            yield _rows(name, stamps_s, messages)
 
 
 def _in_order(rows: Array) -> Array:

@@ -300,23 +300,3 @@ def test_disk_full_at_a_new_topic_ends_the_recording(tmp_path: Path) -> None:
     guarded = GuardedWriter(FullDisk(), tmp_path, 0.0)
     guarded.add_topic("/late", "std_msgs/msg/String")
     assert "No space left on device" in guarded.problem
-
-
-def test_many_rows_are_written_like_single_messages(tmp_path: Path) -> None:
-    types = message_types([])
-    rows = np.arange(40 * 12, dtype=np.uint8).reshape(40, 12)
-    stamps = np.arange(40) * 10**8
-    bags = {}
-    for name in ("single", "rows"):
-        bag = BagWriter(tmp_path / name / "bag", types, {}, flush_s=1e9)
-        bag.add_topic("/text", "std_msgs/msg/String")
-        for stamp, row in zip(stamps.tolist(), rows, strict=True):
-            if name == "single" or stamp < 5e8:
-                bag.write("/text", stamp, row.tobytes())
-        if name == "rows":
-            bag.write_rows("/text", stamps[5:20], rows[5:20])
-            bag.write("/text", int(stamps[20]), rows[20].tobytes())
-            bag.write_rows("/text", stamps[21:], rows[21:])
-        bag.close()
-        bags[name] = (tmp_path / name / "bag" / "bag.mcap").read_bytes()
-    assert bags["single"] == bags["rows"]
