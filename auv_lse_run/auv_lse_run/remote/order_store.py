@@ -60,19 +60,29 @@ class OrderStore:
         Raises:
             OSError: naming the file, which is then unchanged.
         """
-        part = self._file.with_name(".orders.json.part")
         self._file.parent.mkdir(exist_ok=True)
-        try:
-            with part.open("w") as file:
-                json.dump(book.values(), file)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(self._file)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)
-            raise OSError(error.errno, error.strerror or str(error), str(self._file)) from error
-        sync_folder(self._file.parent)
+        write_durably(self._file, json.dumps(book.values()).encode())
+
+
+def write_durably(file: Path, data: bytes, mode: int = 0o666) -> None:
+    """Writes a file, completely or not at all; it survives a power failure.
+
+    Raises:
+        OSError: naming the file, which is then unchanged.
+    """
+    part = file.with_name(f".{file.name}.part")
+    try:
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode)
+        with os.fdopen(descriptor, "wb") as opened:
+            opened.write(data)
+            opened.flush()
+            os.fsync(descriptor)
+        part.replace(file)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror or str(error), str(file)) from error
+    sync_folder(file.parent)
 
 
 def sync_folder(folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import IO, Any
 
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_run.remote.dive_process import DIVES, MISSION
-from auv_lse_run.remote.order_store import sync_folder
+from auv_lse_run.remote.order_store import sync_folder, write_durably
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]{0,99}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -77,19 +77,10 @@ class VehicleFolder:
         _checked_name(name)
         if not _SHA256.fullmatch(digest) or hashlib.sha256(data).hexdigest() != digest:
             raise FolderError(f"{name} arrived damaged. Send it again.")
-        path = self._incoming / digest
-        part = path.with_suffix(".part")
         try:
             self._incoming.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(descriptor)
-            part.replace(path)
+            write_durably(self._incoming / digest, data, 0o600)
         except OSError as error:
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)
             if error.errno != errno.ENOSPC:
                 raise
             raise FolderError(

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from auv_lse_common.support.user_error import brief
+from auv_lse_run.remote.order_store import write_durably
 from auv_lse_shore.remote.ledger import Ledger, LedgerError
 
 
@@ -41,7 +42,7 @@ class LedgerFile:
             before = ledger.values()
             yield ledger
             if ledger.values() != before or not self.path.exists():
-                self._write(ledger)
+                write_durably(self.path, json.dumps(ledger.values(), indent=1).encode())
         finally:
             os.close(lock)
 
@@ -61,14 +62,6 @@ class LedgerFile:
             raise LedgerError(
                 f"{self.path} {what}. Move it away; what was pending is then unknown, and vehicles want --take-over."
             ) from error
-
-    def _write(self, ledger: Ledger) -> None:
-        part = self.path.with_suffix(".part")
-        with part.open("w") as file:
-            json.dump(ledger.values(), file, indent=1)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(self.path)
 
 
 class MemoryLedger:

@@ -2,7 +2,6 @@
 
 import shlex
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,7 +9,7 @@ from datetime import datetime
 from auv_lse_common.support.user_error import error_text
 from auv_lse_run.remote.orders import ACTED
 from auv_lse_shore.remote.checking import check, utc_s
-from auv_lse_shore.remote.contacts import with_each
+from auv_lse_shore.remote.contacts import repeated, with_each
 from auv_lse_shore.remote.delivery import deliver
 from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
 from auv_lse_shore.remote.ledger import DROPPED, EXPIRED, PENDING, UNKNOWN, Given, LedgerError
@@ -19,7 +18,6 @@ from auv_lse_shore.remote.ssh import LinkError, VehicleError, session
 
 #: How recent (s) a check must be for GO.
 CHECKED_S = 60.0
-_RETRY_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,22 +80,10 @@ def ordered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], wish: Wish) -> 
 
 def delivered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], ledgers: Ledgers, wait_s: float) -> dict[str, str]:
     """Delivers what is due to vehicles, repeating for `wait_s`; returns what is in the way, by vehicle."""
-    end_s = time.monotonic() + wait_s
-
-    def one(vehicle: RemoteVehicle) -> str:
-        while True:
-            try:
-                with session(vehicle, fleet.ssh_config) as found:
-                    trouble = deliver(found, ledgers, vehicle.name, laptop_name(), utc_s)
-            except LinkError as error:
-                trouble = str(error)
-            except VehicleError as error:
-                return str(error)
-            if not trouble or time.monotonic() + _RETRY_S >= end_s:
-                return trouble
-            time.sleep(_RETRY_S)
-
-    return with_each(vehicles, one)
+    name = laptop_name()
+    return with_each(
+        vehicles, lambda v: repeated(fleet, v, wait_s, lambda found: deliver(found, ledgers, v.name, name, utc_s))
+    )
 
 
 def dropped(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], ledgers: Ledgers, wait_s: float) -> None:

@@ -1,20 +1,17 @@
 """auv_lse fleet send: all vehicles get the same mission and key, or the command names who has not."""
 
 import sys
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from auv_lse_run.remote.dive_process import MISSION
-from auv_lse_shore.remote.contacts import with_each
+from auv_lse_shore.remote.contacts import repeated, with_each
 from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
 from auv_lse_shore.remote.ledger_file import LedgerFile
 from auv_lse_shore.remote.outgoing import hashes_of, outgoing_files
-from auv_lse_shore.remote.ssh import LinkError, RemoteSession, VehicleError, session
+from auv_lse_shore.remote.ssh import RemoteSession, VehicleError
 
-Result = TypeVar("Result")
-_ANSWER_S, _RETRY_S = 60.0, 1.0
+_ANSWER_S = 60.0
 
 
 def send(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], mission: Path, wait_s: float) -> int:
@@ -46,31 +43,17 @@ def send(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], mission: Path, wai
     return int(any(installed.values()))
 
 
-def repeated(fleet: FleetFile, vehicle: RemoteVehicle, wait_s: float, do: Callable[[RemoteSession], None]) -> str:
-    """Does something in a session, repeated while the link is lost; returns why it was not done, "" if it was."""
-    end_s = time.monotonic() + wait_s
-    while True:
-        try:
-            with session(vehicle, fleet.ssh_config) as found:
-                do(found)
-            return ""
-        except VehicleError as error:
-            return str(error)
-        except LinkError as error:
-            if time.monotonic() + _RETRY_S >= end_s:
-                return str(error)
-        time.sleep(_RETRY_S)
-
-
-def _stage(found: RemoteSession, files: Mapping[str, bytes], hashes: Mapping[str, str]) -> None:
+def _stage(found: RemoteSession, files: Mapping[str, bytes], hashes: Mapping[str, str]) -> str:
     if found.ask("state", _ANSWER_S)["running"]:
         raise VehicleError("a dive is running; its files are not replaced. End it first: auv_lse fleet FILE stop")
     for name, data in files.items():
         found.ask("put", _ANSWER_S, data, name=name, sha256=hashes[name])
+    return ""
 
 
-def _install(found: RemoteSession, hashes: Mapping[str, str]) -> None:
+def _install(found: RemoteSession, hashes: Mapping[str, str]) -> str:
     has = found.ask("install", _ANSWER_S, files=dict(hashes))["hashes"]
     wrong = sorted(name for name in hashes if has.get(name) != hashes[name])
     if wrong:
         raise VehicleError(f"has not {', '.join(wrong)}. Send it again.")
+    return ""
