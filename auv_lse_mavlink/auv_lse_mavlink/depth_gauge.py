@@ -159,11 +159,6 @@ class DepthGauge:
         self._differences.clear()
         self._waiting_m = self.offset_m = self._reference_m = self._center_m = math.nan
 
-    def host_stepped(self, now_s: float) -> None:
-        """Adjusts stored times after the host's clock was set back to `now_s`."""
-        self._pressure_s, self._own_s = min(self._pressure_s, now_s), min(self._own_s, now_s)
-        self._compared_s, self._restored_s = min(self._compared_s, now_s), min(self._restored_s, now_s)
-
     # ------------------------------------------------------------------ output
 
     @property

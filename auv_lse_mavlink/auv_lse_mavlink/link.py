@@ -111,7 +111,9 @@ class VehicleLink:
         self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts, limits.is_afloat)
         self._fix_s = -math.inf  # when GPS last had a fix
         self._spoke_s = -math.inf  # when any of its messages arrived
+        self._utc_s, self._set_back_s = -math.inf, 0.0  # the host's clock, and by how much it was set back so far
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
+        self._heard_utc_s = -math.inf
         self._attitude: Message | None = None
         self._position: AutopilotEstimate | None = None
         self._problem = (0.0, "")  # how long (s) the autopilot has refused or ignored its targets, and how
@@ -156,21 +158,21 @@ class VehicleLink:
     def poll(self, now_s: float) -> None:
         """Lets time pass: heartbeats, link loss, repeats. Call at least ten times a second, or once per tick."""
         self._tick(now_s)
-        if now_s - self._beat_s >= self._config.heartbeat_period_s:
-            self._beat_s = now_s
+        if self._now_s - self._beat_s >= self._config.heartbeat_period_s:
+            self._beat_s = self._now_s
             kind = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
             self.send(mavlink.MAVLink_heartbeat_message(*kind, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
             if not self._codec.proven(self._autopilot):
                 self.send(self._codec.challenge)
-        if self.state is LinkState.UP and now_s - self._heard_s >= self._config.lost_after_s:
+        if self.state is LinkState.UP and self._now_s - self._heard_s >= self._config.lost_after_s:
             self.state = LinkState.DOWN
             self.counts["lost"] += 1
-            self._events.append(LinkLost(silent_s=now_s - self._heard_s))
+            self._events.append(LinkLost(silent_s=self._now_s - self._heard_s))
             self._events.append(self._autopilot_state())
             self._forget_autopilot(rebooted=False)
         if self.state is LinkState.UP:
-            self._origin.poll(now_s)
-            self._targets.poll(now_s)
+            self._origin.poll(self._now_s)
+            self._targets.poll(self._now_s)
         self._judge()
         self._advance()
 
@@ -231,7 +233,7 @@ class VehicleLink:
             leak=1 if self.status.leaks(self._now_s) else -1,
             disobeys=self._origin.contradiction or (self._problem[1] if self._problem[0] else ""),
             depth_problem=self._depth_problem,
-            stamp_s=self._heard_s,
+            stamp_s=self._heard_utc_s,
         )
 
     @property
@@ -262,20 +264,12 @@ class VehicleLink:
     # ------------------------------------------------------------------ helpers
 
     def _tick(self, now_s: float) -> None:
-        if now_s < self._now_s:  # the clock was stepped back: waits restart
+        """Takes the host's clock. Where it is set back, `_now_s`, by which everything waits, goes on."""
+        if now_s < self._utc_s:
             self.counts["clock_steps"] += 1
-            self._heard_s = min(self._heard_s, now_s)
-            self._beat_s = min(self._beat_s, now_s)
-            self._attitude_s = min(self._attitude_s, now_s)
-            self._placed_s = min(self._placed_s, now_s)
-            self.status.host_stepped(now_s)
-            self._fix_s = min(self._fix_s, now_s)
-            self._spoke_s = min(self._spoke_s, now_s)
-            self.gauge.host_stepped(now_s)
-            self._targets.host_stepped(now_s)
-            self._origin.host_stepped(now_s)
+            self._set_back_s += self._utc_s - now_s
             self._clock.forget_utc()
-        self._now_s = now_s
+        self._utc_s, self._now_s = now_s, now_s + self._set_back_s
         self._sender_filter.renew()
         self._codec.set_time(now_s)
 
@@ -304,7 +298,7 @@ class VehicleLink:
     def _advance(self) -> None:
         self._targets.pass_reached(self._now_s, self._position)
         if self.state is LinkState.UP and self.placed and not self.gauge.settling(self._now_s):
-            boot_ms = self._clock.boot_ms_at(self._now_s)
+            boot_ms = self._clock.boot_ms_at(self._utc_s)
             self._targets.send(self._now_s, boot_ms, self.datum, self.gauge.own_target_m)
 
     def _judge(self) -> None:
@@ -321,12 +315,12 @@ class VehicleLink:
             self._events.append(self._autopilot_state())
 
     def _autopilot_state(self) -> AutopilotState:
-        return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self.status.battery_v)
+        return AutopilotState(stamp_s=self._heard_utc_s, report=self.report, battery_v=self.status.battery_v)
 
     # ------------------------------------------------------------------ messages
 
     def _on_heartbeat(self, message: Message) -> None:
-        self._heard_s = self._now_s
+        self._heard_s, self._heard_utc_s = self._now_s, self._utc_s
         self.status.heartbeat(message)
         if self.state is LinkState.DOWN:
             self.state = LinkState.UP
@@ -339,7 +333,7 @@ class VehicleLink:
 
     def _on_system_time(self, message: Message) -> None:
         self._watch_boot(message.time_boot_ms)
-        if not self._clock.set_utc(self._now_s, message.time_unix_usec, message.time_boot_ms):
+        if not self._clock.set_utc(self._utc_s, message.time_unix_usec, message.time_boot_ms):
             self.counts["clock_off"] += message.time_unix_usec != 0  # 0: unknown
 
     def _on_attitude(self, message: Message) -> None:
@@ -362,7 +356,7 @@ class VehicleLink:
             self.counts["stale_attitude"] += 1
             return
         north_m, east_m = self.datum.from_local_ned(message.x, message.y)
-        stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
+        stamp_s = self._clock.stamp_s(self._utc_s, message.time_boot_ms)
         if self.datum != self._raw_in:  # positions have shifted with the origin
             self._raw_in = self.datum
             self._raw.interrupt()
@@ -422,7 +416,7 @@ class VehicleLink:
             self._targets.lift.keeper.ping(altitude)
             self._events.append(
                 Altitude(
-                    stamp_s=self._clock.stamp_s(self._now_s, message.time_boot_ms),
+                    stamp_s=self._clock.stamp_s(self._utc_s, message.time_boot_ms),
                     altitude_m=altitude,
                     min_m=message.min_distance / 100.0,
                     max_m=message.max_distance / 100.0,
@@ -436,7 +430,7 @@ class VehicleLink:
         armed = self.status.armed
         self.gauge.set_state(not armed or (has_fix and self._targets.stopped), has_fix, armed)
         self.gauge.pressure(self._now_s, pressure_pa(message))
-        stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
+        stamp_s = self._clock.stamp_s(self._utc_s, message.time_boot_ms)
         self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
 
     def _on_power(self, message: Message) -> None:

@@ -293,6 +293,18 @@ def test_stamps_are_the_autopilots_when_its_clock_agrees():
     assert pilot.of(AutopilotEstimate)[-1].stamp_s == NOW_S
 
 
+def test_an_autopilot_that_falls_silent_is_lost_in_time_although_the_host_sets_its_clock_back():
+    pilot = Autopilot(lost_after_s=5.0).up()
+    pilot.link.poll(NOW_S + 3.0)
+    pilot.link.poll(NOW_S - 3600.0)
+    assert pilot.link.state is LinkState.UP
+    pilot.link.poll(NOW_S - 3598.0)
+    assert pilot.link.state is LinkState.DOWN
+    (state,) = [event for event in pilot.link.events() if isinstance(event, events.AutopilotState)]
+    assert state.stamp_s == NOW_S, "by the clock of that time"
+
+
+
 @pytest.mark.parametrize("how", ["utc 0", "boot time back", "link lost"])
 def test_an_autopilot_that_reboots_under_water_does_not_stamp_by_its_old_clock(how):
     pilot = Autopilot().up()

@@ -29,7 +29,6 @@ def test_a_surfacing_descends_after_a_fix_and_ends_at_depth() -> None:
 def test_without_a_fix_the_surfacing_times_out() -> None:
     surfacing = Surfacing(END, 100.0)
     assert not surfacing.proceed(100.0 + LONGEST_S - 0.01, 0.0)
-    surfacing.host_stepped(50.0)
-    assert surfacing.proceed(50.0 + LONGEST_S, 0.0)
+    assert surfacing.proceed(100.0 + LONGEST_S, 0.0)
     assert not surfacing.fixed
     assert surfacing.stage is Stage.DOWN

@@ -99,13 +99,6 @@ class OriginExchange:
         """The autopilot takes no origin: it has one, or waits for its GPS. It is asked again, and sets one later."""
         self._set_from_s = now_s + ASK_AGAIN_S
 
-    def host_stepped(self, now_s: float) -> None:
-        """Adjusts stored times after the host's clock was set back to `now_s`."""
-        self._asked_s = min(self._asked_s, now_s)
-        self._asking_s = min(self._asking_s, now_s)
-        self._set_from_s = min(self._set_from_s, now_s + ASK_AGAIN_S)
-        self._contradicts_s = now_s if self._contradicts_s > now_s else self._contradicts_s
-
     def ask_at_once(self, now_s: float) -> None:
         """Requests the origin now if it is unknown: the autopilot has just been found."""
         self._asked_s = -math.inf

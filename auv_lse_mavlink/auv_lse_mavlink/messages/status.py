@@ -91,8 +91,3 @@ class AutopilotStatus:
     def leaks(self, now_s: float) -> bool:
         """Whether it has reported a leak lately."""
         return now_s - self._leak_s < LEAK_REPORTED_S
-
-    def host_stepped(self, now_s: float) -> None:
-        """Adjusts stored times after the host's clock was set back to `now_s`."""
-        self._leak_s, self._charge_s = min(self._leak_s, now_s), min(self._charge_s, now_s)
-        self._texts.clear()

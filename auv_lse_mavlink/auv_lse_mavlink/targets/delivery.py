@@ -78,10 +78,6 @@ class Delivery:
         if apart_m > allowed_m:  # nearer than that, a position where it was made to stop would agree too
             self._agreed_s, self._is_doubtful, self._wait_s = now_s, False, FIRST_WAIT_S
 
-    def host_stepped(self, now_s: float) -> None:
-        """Adjusts stored times after the host's clock was set back to `now_s`."""
-        self._sent_s, self._agreed_s = min(self._sent_s, now_s), min(self._agreed_s, now_s)
-
     def is_due(self, now_s: float, wanted: Target, is_new: bool) -> bool:
         """Whether a target (in the autopilot's frame) must be sent now; `is_new`: another target was chosen."""
         if not self.once:

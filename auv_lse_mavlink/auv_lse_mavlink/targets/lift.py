@@ -47,7 +47,7 @@ class Lift:
             self._target, self.climbs = target, False
             self._choose(now_s, depth_m, way_m)
             return self.climbs  # it is new, so it is sent anyway
-        waited_s = abs(now_s - self._changed_s)
+        waited_s = now_s - self._changed_s
         if self.climbs:
             over = depth_m <= self._depth_m + CLIMBED_M and depth_m <= keeper.deepest_m(REACH_M, 0.0)
             if not over and (waited_s < LIFT_EVERY_S or not keeper.is_low(depth_m, self._depth_m, 0.0)):

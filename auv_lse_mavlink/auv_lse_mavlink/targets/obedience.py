@@ -67,7 +67,7 @@ class Obedience:
         """Takes an estimate.
 
         Args:
-            now_s: Time (s); it may be set back.
+            now_s: Time (s).
             target: The target that was sent last.
             stopped: Whether it is the position of a HOLD.
             diving: Whether the vehicle returns from the surface to the target's depth.
@@ -75,7 +75,7 @@ class Obedience:
         vertical = diving or target.at_surface
         remains_m = self._remains_m(target, diving, position)
         self._least_m += remains_m - self._remains_m(target, diving, self._without_jump(position))
-        if self._is_new(target) or now_s < self._since_s:
+        if self._is_new(target):
             self._follows(now_s, remains_m, position)
         self._target = target
         there = remains_m <= 0.0 and (not stopped or position.speed_mps < HOLDING_MPS)

@@ -277,14 +277,6 @@ class TargetSender:
     def _stops_here(self) -> bool:
         return self._stop is None or self._stop.action is not Action.GO_TO
 
-    def host_stepped(self, now_s: float) -> None:
-        """Adjusts stored times after the host's clock was set back to `now_s`."""
-        self._target_s = min(self._target_s, now_s)
-        self._delivery.host_stepped(now_s)
-        self._unaccepted_s = now_s if self._unaccepted_s > now_s else self._unaccepted_s
-        if self._surfacing is not None:
-            self._surfacing.host_stepped(now_s)
-
     def poll(self, now_s: float) -> None:
         """Lets time pass: repeats unanswered messages of an upload."""
         self._upload.poll(now_s)

@@ -50,10 +50,6 @@ class Surfacing:
         """The vehicle's present target."""
         return dataclasses.replace(self._end, depth_m=0.0, at_surface=True) if self.stage is Stage.UP else self._end
 
-    def host_stepped(self, now_s: float) -> None:
-        """Adjusts stored times after the host's clock was set back to `now_s`."""
-        self._begun_s, self._fix_s = min(self._begun_s, now_s), math.nan
-
     def gps(self, now_s: float, has_fix: bool) -> None:
         """Records whether GPS has a fix at `now_s`."""
         if not has_fix:

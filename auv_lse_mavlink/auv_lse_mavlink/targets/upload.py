@@ -147,8 +147,6 @@ class MissionUpload:
 
     def poll(self, now_s: float) -> None:
         """Repeats the last message if it was not answered in time."""
-        if now_s < self._sent_s:
-            self._sent_s = now_s  # the clock was stepped back
         if not self.busy or self._last is None or now_s - self._sent_s < self._timeout_s:
             return
         if self._repeats >= self._retries:
