@@ -304,7 +304,6 @@ def test_an_autopilot_that_falls_silent_is_lost_in_time_although_the_host_sets_i
     assert state.stamp_s == NOW_S, "by the clock of that time"
 
 
-
 @pytest.mark.parametrize("how", ["utc 0", "boot time back", "link lost"])
 def test_an_autopilot_that_reboots_under_water_does_not_stamp_by_its_old_clock(how):
     pilot = Autopilot().up()

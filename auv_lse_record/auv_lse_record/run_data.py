@@ -58,32 +58,18 @@ class DecisionRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PacketReceived:
-    """A payload that a modem received intact.
+class PacketReceived(Reception):
+    """A payload that the modem of vehicle `receiver` received intact.
 
     Attributes:
         stamp_s: End of the reception.
         snr_db: Signal-to-noise ratio at the receiver; NaN if unknown.
-        payload: The received bytes; may be empty.
         sent_s: Start of transmission by the sender's clock; NaN if unknown.
         arrival_s: Start of reception by the receiver's clock; NaN if unknown.
         travel_s: One-way travel time, measured with both clocks; NaN if unknown.
     """
 
-    stamp_s: float
     receiver: int
-    source: int
-    snr_db: float = float("nan")
-    payload: bytes = b""
-    sent_s: float = float("nan")
-    arrival_s: float = float("nan")
-    travel_s: float = float("nan")
-
-    @classmethod
-    def of(cls, packet: Reception, receiver: int) -> PacketReceived:
-        """The packet of a message on modem/rx of vehicle `receiver`."""
-        names = ("stamp_s", "source", "snr_db", "payload", "sent_s", "arrival_s", "travel_s")
-        return cls(receiver=receiver, **{name: getattr(packet, name) for name in names})
 
 
 #: Columns of a vehicle's arrays.

@@ -160,7 +160,7 @@ def _run_in(
         raise RecordingError(f"{recording.path} has no topic /auvN/...: it is not the recording of a mission.")
     sent = [packet for log in logs.values() for packet in log.values["modem/tx"] if not packet.ping]
     received = [
-        PacketReceived.of(packet, number)
+        PacketReceived(receiver=number, **dataclasses.asdict(packet))
         for number, log in logs.items()
         for packet in log.values["modem/rx"]
         if not packet.ping

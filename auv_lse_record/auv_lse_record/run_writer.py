@@ -1,5 +1,6 @@
 """Writes a mission of the fleet engine as a recording for `read_run` and `ros2 bag play`, without ROS."""
 
+import dataclasses
 import heapq
 import math
 from collections.abc import Iterator, Mapping
@@ -124,8 +125,7 @@ def _records(run: RunData) -> Iterator[Record]:
     for sent in run.sent:
         yield _record(VEHICLE_TOPICS["modem/tx"], sent.stamp_s, sent, sent.source)
     for heard in run.received:
-        names = ("stamp_s", "source", "snr_db", "payload", "sent_s", "arrival_s", "travel_s")
-        reception = Reception(**{name: getattr(heard, name) for name in names})
+        reception = Reception(**{field.name: getattr(heard, field.name) for field in dataclasses.fields(Reception)})
         yield _record(VEHICLE_TOPICS["modem/rx"], heard.stamp_s, reception, heard.receiver)
 
 

@@ -4,34 +4,21 @@ import math
 from dataclasses import dataclass
 
 from auv_lse_common.safety.watch import AutopilotReport
-from auv_lse_common.topics.records import Altitude, Pressure
+from auv_lse_common.topics.records import Altitude, Odometry, Pressure
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_mavlink.messages.conversion import Target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AutopilotEstimate:
-    """The autopilot's estimate of its vehicle's state, in the mission's frame; NaN where it is not reported.
+class AutopilotEstimate(Odometry):
+    """The autopilot's estimate of its vehicle's state, in the mission's frame.
 
     Attributes:
         stamp_s: Time of the estimate, s since 1970 (UTC, or simulated).
-        heading_rad: Clockwise from north.
-        north_m: North of the mission's origin.
-        east_m: East of it.
-        depth_m: Below the surface, positive down.
-        speed_mps: Over ground, horizontal.
-        yaw_rate_radps: Positive to starboard.
-        raw_north_m: North of the dead-reckoned position, without corrections by fixes.
+        raw_north_m: North of the dead-reckoned position, without corrections by fixes; NaN: not reported.
         raw_east_m: East of it.
     """
 
-    stamp_s: float
-    heading_rad: float
-    north_m: float
-    east_m: float
-    depth_m: float
-    speed_mps: float
-    yaw_rate_radps: float
     raw_north_m: float = math.nan
     raw_east_m: float = math.nan
 
