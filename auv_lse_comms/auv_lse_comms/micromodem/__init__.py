@@ -36,7 +36,7 @@ from auv_lse_comms.micromodem.events import (
     TransmitFailed,
     TransmitStarted,
 )
-from auv_lse_comms.micromodem.log import LogEntry, LoggedModem, format_entry, read_entries, replay_log
+from auv_lse_comms.micromodem.log import LogEntry, format_entry, read_entries, replay_log
 from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.micromodem.sentences.wire import Sentence, SentenceReader
 from auv_lse_comms.micromodem.state import State
@@ -45,7 +45,6 @@ __all__ = [
     "ClockChecked",
     "Event",
     "LogEntry",
-    "LoggedModem",
     "Micromodem",
     "ModemConfig",
     "ModemLost",

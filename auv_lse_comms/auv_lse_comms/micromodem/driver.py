@@ -13,6 +13,7 @@ sentence with a valid checksum proves that the modem is alive. The clock and the
 `clock_period_s`, which reveals silence and missed reboots. Any line may be lost.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -34,6 +35,11 @@ from auv_lse_comms.micromodem.sentences.wire import SentenceReader, TypeCounts
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
 
+#: Kinds of the entries of a line log (`log.py`).
+FROM_MODEM, TO_MODEM, CALL = "<", ">", "="
+#: Takes an entry of the line log: time (s since 1970), kind, and the bytes or the call (as bytes).
+Record = Callable[[float, str, bytes], None]
+
 #: Kinds of `$CAMSG` and modules of `$CAERR` counted by name; any other is counted as "other".
 NOTICES = frozenset({"BAD_CRC", "PACKET_TIMEOUT", "PSK_ERROR", "NO_CARRIER", "BAD_HEADER"})
 MODULES = frozenset({"NMEA", "DATA_TIMEOUT", "TX", "RX", "PSK", "FSK", "AUX", "COPROC", "POWER", "CLOCK", "SYSTEM"})
@@ -49,8 +55,11 @@ class Micromodem:
         handlers: Handler of each message. Text from the modem selects code only through this table.
     """
 
-    def __init__(self, config: ModemConfig, address: int) -> None:
+    def __init__(self, config: ModemConfig, address: int, record: Record | None = None) -> None:
         """Creates the driver of the modem that gets `address` (1 to 127, the vehicle's number).
+
+        Args:
+            record: Gets every input and output, for a line log; times then have its resolution of 1 us.
 
         Raises:
             ValueError: if the address is out of range.
@@ -58,6 +67,7 @@ class Micromodem:
         if not 1 <= address <= 127:
             raise ValueError(f"modem address {address} is not from 1 to 127 (0 is everyone)")
         self.address = address
+        self._record = record
         self.reader = SentenceReader()
         self.ignored = TypeCounts()
         self._session = Session(config, address)
@@ -93,7 +103,7 @@ class Micromodem:
     def opened(self, now_s: float) -> None:
         """The port is open: configures the modem."""
         session = self._session
-        session.tick(now_s)
+        self._begin(now_s, "opened")
         self.reader.reset()
         session.wants_reopen = False
         session.strikes = 0
@@ -105,7 +115,7 @@ class Micromodem:
     def closed(self, now_s: float, reason: str) -> None:
         """The port is closed, or could not be read: drops transmissions, pings and receptions in progress."""
         session = self._session
-        session.tick(now_s)
+        self._begin(now_s, f"closed {reason}")
         if self.is_open:
             session.report(ModemLost(reason=reason))
         self._sending.fail(f"connection lost: {reason}")
@@ -126,7 +136,7 @@ class Micromodem:
         Raises:
             ValueError: if the payload is empty or does not fit one packet at the configured rate.
         """
-        self._session.tick(now_s)
+        self._begin(now_s, f"send {'-' if destination is None else destination} {payload.hex()}")
         return self._sending.ask(payload, destination)
 
     def ping(self, now_s: float, destination: int) -> int:
@@ -135,13 +145,14 @@ class Micromodem:
         Raises:
             ValueError: if `destination` is not another modem's address.
         """
-        self._session.tick(now_s)
+        self._begin(now_s, f"ping {destination}")
         return self._pinging.ask(destination, free=not self._sending.waiting)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Processes bytes from the modem."""
         session = self._session
-        session.tick(now_s)
+        self._begin(now_s)
+        self._record_lines(FROM_MODEM, data)
         if not self.is_open:
             session.counts["bytes_while_closed"] += len(data)
             return
@@ -161,7 +172,13 @@ class Micromodem:
 
     def poll(self, now_s: float) -> None:
         """Lets time pass: timeouts, repeats, clock checks. Call at least ten times a second, or once per tick."""
-        self._session.tick(now_s)
+        before = self.activity
+        self._begin(now_s)
+        self._advance()
+        if self._record is not None and self.activity != before:  # polls without effect are omitted
+            self._record(self._session.now_s, CALL, b"poll")
+
+    def _advance(self) -> None:
         if not self.is_open:
             self._sending.drop_late("no modem")
             return
@@ -176,11 +193,28 @@ class Micromodem:
 
     def outgoing(self) -> bytes:
         """The bytes to write to the modem now; each is returned once."""
-        return self._session.take_outgoing()
+        data = self._session.take_outgoing()
+        self._record_lines(TO_MODEM, data)
+        return data
 
     def events(self) -> list[Event]:
         """The events since the last call."""
         return self._session.take_events()
+
+    def _begin(self, now_s: float, call: str = "") -> None:
+        """Takes the time of a call, and records the call."""
+        if self._record is not None:
+            now_s = round(now_s, 6)
+            if math.isinf(self._session.now_s):
+                self._record(now_s, CALL, f"address {self.address}".encode("ascii"))
+            if call:
+                self._record(now_s, CALL, call.encode("ascii", "backslashreplace"))
+        self._session.tick(now_s)
+
+    def _record_lines(self, kind: str, data: bytes) -> None:
+        if self._record is not None:
+            for line in data.splitlines(keepends=True):
+                self._record(self._session.now_s, kind, line)
 
     # ------------------------------------------------------------------ what the owner can read
 

@@ -11,15 +11,13 @@ events: a problem from the field can be debugged at the desk, and a log can serv
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from auv_lse_common.mission_file.sections.modem import ModemConfig
-from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.driver import CALL, FROM_MODEM, TO_MODEM, Micromodem
 from auv_lse_comms.micromodem.events import Event
-
-FROM_MODEM, TO_MODEM, CALL = "<", ">", "="
 
 _ESCAPED = re.compile(rb"[^\x20-\x5b\x5d-\x7e]")
 _ENTRY = re.compile(r"(\d{1,12}\.\d{6}) ([<>=]) (.*)\Z")
@@ -83,73 +81,6 @@ def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[LogE
         if match is None:
             raise LogError(f"{where}:{number}: {line[:60]!r} is not '<seconds>.<microseconds> <kind> <text>'")
         yield LogEntry(float(match[1]), match[2], unescape(match[3]))
-
-
-class LoggedModem:
-    """A `Micromodem` that passes every input and output to `record`; it has the driver's methods."""
-
-    def __init__(self, modem: Micromodem, record: Callable[[LogEntry], None]) -> None:
-        """Drives `modem` and passes each entry to `record`."""
-        self.modem = modem
-        self._record = record
-        self._now_s = 0.0
-        self._first = True
-
-    def opened(self, now_s: float) -> None:
-        """See `Micromodem.opened`."""
-        self._record_call(now_s, "opened")
-        self.modem.opened(self._now_s)
-
-    def closed(self, now_s: float, reason: str) -> None:
-        """See `Micromodem.closed`."""
-        self._record_call(now_s, f"closed {reason}")
-        self.modem.closed(self._now_s, reason)
-
-    def send(self, now_s: float, payload: bytes, destination: int | None = None) -> int:
-        """See `Micromodem.send`."""
-        self._record_call(now_s, f"send {'-' if destination is None else destination} {payload.hex()}")
-        return self.modem.send(self._now_s, payload, destination)
-
-    def ping(self, now_s: float, destination: int) -> int:
-        """See `Micromodem.ping`."""
-        self._record_call(now_s, f"ping {destination}")
-        return self.modem.ping(self._now_s, destination)
-
-    def receive(self, now_s: float, data: bytes) -> None:
-        """See `Micromodem.receive`."""
-        self._at(now_s)
-        for line in data.splitlines(keepends=True):
-            self._record(LogEntry(self._now_s, FROM_MODEM, line))
-        self.modem.receive(self._now_s, data)
-
-    def poll(self, now_s: float) -> None:
-        """See `Micromodem.poll`."""
-        self._at(now_s)
-        before = self.modem.activity
-        self.modem.poll(self._now_s)
-        if self.modem.activity != before:
-            self._record(LogEntry(self._now_s, CALL, b"poll"))
-
-    def outgoing(self) -> bytes:
-        """See `Micromodem.outgoing`."""
-        data = self.modem.outgoing()
-        for line in data.splitlines(keepends=True):
-            self._record(LogEntry(self._now_s, TO_MODEM, line))
-        return data
-
-    def events(self) -> list[Event]:
-        """See `Micromodem.events`."""
-        return self.modem.events()
-
-    def _at(self, now_s: float) -> None:
-        self._now_s = round(now_s, 6)  # the log's resolution, so that a replay sees the same times
-        if self._first:
-            self._first = False
-            self._record(LogEntry(self._now_s, CALL, f"address {self.modem.address}".encode("ascii")))
-
-    def _record_call(self, now_s: float, text: str) -> None:
-        self._at(now_s)
-        self._record(LogEntry(self._now_s, CALL, text.encode("ascii", "backslashreplace")))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

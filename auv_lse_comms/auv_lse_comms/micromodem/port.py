@@ -20,7 +20,7 @@ from auv_lse_comms.micromodem.events import (
     TransmitFailed,
     TransmitStarted,
 )
-from auv_lse_comms.micromodem.log import LogEntry, LoggedModem, format_entry
+from auv_lse_comms.micromodem.log import LogEntry, format_entry
 from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
 
@@ -57,7 +57,7 @@ class ModemPort:
             OSError: if the line log cannot be written.
         """
         where = read_address(config.port, config.baud)
-        self.modem = Micromodem(config, address)
+        self.modem = Micromodem(config, address, self._write_log if config.log_file else None)
         # on some modem boards, a high RTS garbles the modem's output
         self.connection = Connection(
             lambda: open_transport(where, lines_low=True), config.backoff_min_s, config.backoff_max_s
@@ -67,12 +67,10 @@ class ModemPort:
         self.packets_lost = 0
         self._started: set[int] = set()  # numbers of the transmissions in progress
         self._problem = ""  # why the modem was lost
-        self._driver: Micromodem | LoggedModem = self.modem
         if config.log_file:
             path = Path(config.log_file)
             path.parent.mkdir(parents=True, exist_ok=True)
             self._log = path.open("a", encoding="ascii", buffering=1)  # line by line, so that a crash loses none
-            self._driver = LoggedModem(self.modem, self._record)
 
     @property
     def transport(self) -> Transport | None:
@@ -85,7 +83,7 @@ class ModemPort:
         Raises:
             ValueError: see `Micromodem.send`.
         """
-        return self._driver.send(now_s, payload, destination)
+        return self.modem.send(now_s, payload, destination)
 
     def ping(self, now_s: float, destination: int) -> int:
         """Pings another modem; `step` writes the command to the port.
@@ -93,22 +91,22 @@ class ModemPort:
         Raises:
             ValueError: see `Micromodem.ping`.
         """
-        return self._driver.ping(now_s, destination)
+        return self.modem.ping(now_s, destination)
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
         """Opens the port if it is time, reads, lets time pass (if `poll`), writes; returns the events."""
         if self.connection.poll(steady_s):
-            self._driver.opened(now_s)
+            self.modem.opened(now_s)
         data = self.connection.read(steady_s)
         if data:
-            self._driver.receive(now_s, data)
+            self.modem.receive(now_s, data)
         if poll:
-            self._driver.poll(now_s)
+            self.modem.poll(now_s)
         if self.modem.wants_reopen:
             self.connection.close(steady_s, "the modem does not answer")
-        self.connection.write(self._driver.outgoing(), steady_s)
+        self.connection.write(self.modem.outgoing(), steady_s)
         if self.connection.transport is None and self.modem.is_open:
-            self._driver.closed(now_s, self.connection.problem)
+            self.modem.closed(now_s, self.connection.problem)
         return self._events()
 
     @property
@@ -132,14 +130,14 @@ class ModemPort:
         """Closes port and log."""
         self.connection.close(steady_s, "shutting down")
         if self.modem.is_open:
-            self._driver.closed(now_s, "shutting down")
+            self.modem.closed(now_s, "shutting down")
         events = self._events()
         self._close_log()
         return events
 
     def _events(self) -> list[Event]:
         events: list[Event] = []
-        for event in self._driver.events():
+        for event in self.modem.events():
             events.append(event)
             match event:
                 case ModemReady():
@@ -158,11 +156,11 @@ class ModemPort:
             self._log_problem = None
         return events
 
-    def _record(self, entry: LogEntry) -> None:
+    def _write_log(self, utc_s: float, kind: str, data: bytes) -> None:
         if self._log is None:
             return
         try:
-            self._log.write(format_entry(entry) + "\n")
+            self._log.write(format_entry(LogEntry(utc_s, kind, data)) + "\n")
         except OSError as error:  # a full disk must not stop the modem
             self._log_problem = Problem(text=f"line log {self._log.name}: closed because it cannot be written: {error}")
             self._close_log()

@@ -16,7 +16,7 @@ from auv_lse_comms.micromodem.events import (
     TransmitFailed,
     TransmitStarted,
 )
-from auv_lse_comms.micromodem.log import LoggedModem, format_entry, read_entries, replay_log
+from auv_lse_comms.micromodem.log import LogEntry, format_entry, read_entries, replay_log
 from auv_lse_comms.micromodem.sentences.wire import Sentence
 from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
 
@@ -103,13 +103,12 @@ def in_order(line: str) -> list[bytes]:
 
 def run(steps, modem, moved):
     now_s, told, sent, pinged, lines = 1000.0, [], [], [], []
-    inner = modem.modem if isinstance(modem, LoggedModem) else modem
 
     def take():
         nonlocal lines
         told.extend(modem.events())
         lines += modem.outgoing().decode().split("\r\n")[:-1]
-        moved.add(inner.state)
+        moved.add(modem.state)
 
     modem.opened(now_s)
     modem.receive(now_s, sentence("CAREV,001640,AUV,2.0.27087"))
@@ -164,7 +163,7 @@ def test_any_sequence_of_events_ends_with_one_outcome_per_packet(steps):
 @given(stories)
 def test_any_sequence_of_events_replays_from_its_log(steps):
     log = []
-    told, _ = run(steps, LoggedModem(Micromodem(CONFIG, ADDRESS), log.append), set())
+    told, _ = run(steps, Micromodem(CONFIG, ADDRESS, lambda *entry: log.append(LogEntry(*entry))), set())
     text = [format_entry(entry) + "\n" for entry in log]
     again = replay_log(read_entries(text), CONFIG)
     assert [event for _, event in again.events] == told

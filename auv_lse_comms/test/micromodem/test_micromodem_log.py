@@ -11,7 +11,6 @@ from auv_lse_comms.micromodem.events import PacketReceived, TransmitDone, Transm
 from auv_lse_comms.micromodem.log import (
     LogEntry,
     LogError,
-    LoggedModem,
     escape,
     format_entry,
     read_entries,
@@ -72,7 +71,7 @@ def a_day_at_sea(modem) -> list:
 
 def test_a_replay_writes_and_reports_the_same_again():
     log: list[LogEntry] = []
-    told = a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
+    told = a_day_at_sea(Micromodem(CONFIG, 3, lambda *entry: log.append(LogEntry(*entry))))
     assert {type(event) for event in told} >= {PacketReceived, TransmitDone, TransmitFailed}
     text = "".join(format_entry(entry) + "\n" for entry in log)
     again = replay_log(read_entries(io.StringIO(text)), CONFIG)
@@ -83,12 +82,12 @@ def test_a_replay_writes_and_reports_the_same_again():
 
 
 def test_logging_does_not_change_what_the_driver_does():
-    assert a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), lambda entry: None)) == a_day_at_sea(Micromodem(CONFIG, 3))
+    assert a_day_at_sea(Micromodem(CONFIG, 3, lambda *entry: None)) == a_day_at_sea(Micromodem(CONFIG, 3))
 
 
 def test_a_log_shows_that_the_driver_has_changed():
     log: list[LogEntry] = []
-    a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
+    a_day_at_sea(Micromodem(CONFIG, 3, lambda *entry: log.append(LogEntry(*entry))))
     other = ModemConfig(kind="micromodem", port="/dev/null", rate=5)
     again = replay_log(log, other)
     assert again.written != again.logged
@@ -140,7 +139,7 @@ def test_a_recording_that_cannot_be_recomputed_is_refused(entries, words):
 
 def test_the_command_line_prints_the_events_and_fails_when_the_driver_differs(tmp_path, capsys):
     log: list[LogEntry] = []
-    a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
+    a_day_at_sea(Micromodem(CONFIG, 3, lambda *entry: log.append(LogEntry(*entry))))
     file = tmp_path / "modem.log"
     file.write_text("".join(format_entry(entry) + "\n" for entry in log))
     assert main([str(file), "--set", "clock_period_s=20.0"]) == 0
