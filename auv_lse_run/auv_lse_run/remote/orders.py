@@ -134,13 +134,16 @@ class OrderBook:
         try:
             self.controller: dict[str, str] = {str(k): str(v) for k, v in values.get("controller", {}).items()}
             self._highest: dict[str, int] = {str(k): int(v) for k, v in values.get("highest", {}).items()}
-            self._records = [(Order(**found["order"]), _answer(found["answer"])) for found in values.get("orders", [])]
+            #: Orders and their answers, by laptop and number, the oldest first.
+            self._records: dict[tuple[str, int], tuple[Order, Answer | None]] = {}
+            for found in values.get("orders", []):
+                self._put(Order(**found["order"]), None if found["answer"] is None else Answer(**found["answer"]))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise OrderError(f"the record of orders is damaged ({type(error).__name__}: {error})") from error
 
     def values(self) -> dict[str, Any]:
         """The book as JSON can hold it."""
-        orders = [{"order": asdict(o), "answer": None if a is None else asdict(a)} for o, a in self._records]
+        orders = [{"order": asdict(o), "answer": None if a is None else asdict(a)} for o, a in self._records.values()]
         return {"controller": self.controller, "highest": self._highest, "orders": orders}
 
     def take(self, order: Order, age_s: float, at: str) -> Answer | None:
@@ -153,47 +156,43 @@ class OrderBook:
         Returns:
             The answer without executing it; None: it is recorded, and must be executed and answered.
         """
-        index = self._index(order.laptop, order.number)
-        known = None if index is None else self._records[index][1]
+        key = order.laptop, order.number
+        is_recorded, (_, known) = key in self._records, self._records.get(key, (order, None))
         if known is not None:
             return known
         if age_s > VALID_S:
             return Answer(STALE, f"It arrived {age_s:.0f} s after this session began. It will be repeated.", at)
         refusal = self._foreign(order)
-        if index is None and refusal is not None:
+        if not is_recorded and refusal is not None:
             return refusal
-        if index is not None and index == len(self._records) - 1 and refusal is None:
+        if is_recorded and key == next(reversed(self._records)) and refusal is None:
             return None
-        if index is not None:
+        if is_recorded:
             answer = Answer(INTERRUPTED, "The vehicle stopped while executing it, and has had a later order since.", at)
-            self._records[index] = (order, answer)
+            self._put(order, answer)
             return answer
         if order.number <= self._highest.get(order.laptop, 0):
             return Answer(OVERTAKEN, "A later order of this laptop was taken before it.", at)
         if not self.controller:
             self.take_over(order.laptop, order.name, at)
-        self._record(order)
+        self._put(order, None)
         return None
 
     def note(self, order: Order, answer: Answer) -> None:
-        """Notes the answer of an executed order."""
-        index = self._index(order.laptop, order.number)
-        if index is None:  # it could not be recorded before it was executed
-            index = self._record(order)
-        self._records[index] = (order, answer)
+        """Notes the answer of an executed order, which perhaps could not be recorded before."""
+        self._put(order, answer)
 
     def cancel(self, order: Order, at: str) -> Answer:
         """Settles an order: its answer if it has one; else it is never executed."""
-        index = self._index(order.laptop, order.number)
-        if index is None:
-            if order.number <= self._highest.get(order.laptop, 0):
-                return Answer(OVERTAKEN, "A later order of this laptop was taken before it.", at)
-            index = self._record(order)
-            answer = Answer(CANCELLED, "It never arrived, and will not be executed.", at)
-        else:
-            known = self._records[index][1]
+        key = order.laptop, order.number
+        if key in self._records:
+            _, known = self._records[key]
             answer = known or Answer(INTERRUPTED, "The vehicle stopped while executing it; see its state.", at)
-        self._records[index] = (order, answer)
+        elif order.number <= self._highest.get(order.laptop, 0):
+            return Answer(OVERTAKEN, "A later order of this laptop was taken before it.", at)
+        else:
+            answer = Answer(CANCELLED, "It never arrived, and will not be executed.", at)
+        self._put(order, answer)
         return answer
 
     def take_over(self, laptop: str, name: str, at: str) -> None:
@@ -206,15 +205,8 @@ class OrderBook:
         by = self.controller
         return Answer(FOREIGN, f"{by['name']} commands this vehicle since {by['at']}. Take over with --take-over.")
 
-    def _index(self, laptop: str, number: int) -> int | None:
-        numbers = ((k, found) for k, (found, _) in enumerate(self._records))
-        return next((k for k, found in numbers if (found.laptop, found.number) == (laptop, number)), None)
-
-    def _record(self, order: Order) -> int:
+    def _put(self, order: Order, answer: Answer | None) -> None:
         self._highest[order.laptop] = max(order.number, self._highest.get(order.laptop, 0))
-        self._records = [*self._records[1 - MAX_KEPT :], (order, None)]
-        return len(self._records) - 1
-
-
-def _answer(values: Mapping[str, Any] | None) -> Answer | None:
-    return None if values is None else Answer(**values)
+        self._records[order.laptop, order.number] = (order, answer)
+        if len(self._records) > MAX_KEPT:
+            del self._records[next(iter(self._records))]

@@ -84,14 +84,15 @@ class Ledger:
             self.checked: dict[str, float] = {k: float(v) for k, v in values.get("checked", {}).items()}
             self._last: dict[str, int] = {k: int(v) for k, v in values.get("last", {}).items()}
             self._orders = {
-                name: [Given(**order) for order in found] for name, found in values.get("orders", {}).items()
+                name: {order["number"]: Given(**order) for order in found}
+                for name, found in values.get("orders", {}).items()
             }
-        except (AttributeError, TypeError, ValueError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise LedgerError(f"is damaged ({error})") from error
 
     def values(self) -> dict[str, Any]:
         """The ledger as JSON can hold it; later changes of the ledger leave it as it is."""
-        orders = {name: [asdict(order) for order in found] for name, found in self._orders.items()}
+        orders = {name: [asdict(order) for order in found.values()] for name, found in self._orders.items()}
         own = {"laptop": self.laptop, "sent": dict(self.sent), "checked": dict(self.checked)}
         return own | {"last": dict(self._last), "orders": orders}
 
@@ -114,9 +115,10 @@ class Ledger:
         number = self._last[vehicle] = self._last.get(vehicle, 0) + 1
         expires_s = now_s + valid_s if verb not in ALWAYS else 0.0
         order = Given(number, verb, team, now_s, expires_s)
-        kept = self._orders.get(vehicle, [])
-        settled = [found.number for found in kept if not found.is_open][:-_MAX_SETTLED]
-        self._orders[vehicle] = [*(found for found in kept if found.number not in settled), order]
+        kept = self._orders.setdefault(vehicle, {})
+        for found in [found for found in kept.values() if not found.is_open][:-_MAX_SETTLED]:
+            del kept[found.number]
+        kept[number] = order
         return order
 
     def last(self, vehicle: str) -> int:
@@ -128,21 +130,21 @@ class Ledger:
         found = [order for order in self.open(vehicle) if order.counts]
         for order in found:
             gone = order.status == PENDING
-            self._set(vehicle, replace(order, counts=False, status=DROPPED if gone else UNKNOWN))
+            self._orders[vehicle][order.number] = replace(order, counts=False, status=DROPPED if gone else UNKNOWN)
         return found
 
     def expire(self, now_s: float) -> None:
         """Orders that have expired count no more."""
-        for vehicle, orders in self._orders.items():
-            for order in orders:
+        for orders in self._orders.values():
+            for number, order in orders.items():
                 is_valid = order.verb in ALWAYS or order.given_s <= now_s < order.expires_s  # else: clock set back
                 if order.is_open and order.counts and not is_valid:
                     status = EXPIRED if order.status == PENDING else UNKNOWN
-                    self._set(vehicle, replace(order, counts=False, status=status))
+                    orders[number] = replace(order, counts=False, status=status)
 
     def open(self, vehicle: str) -> list[Given]:
         """The orders of a vehicle that are not settled, oldest first."""
-        return [order for order in self._orders.get(vehicle, []) if order.is_open]
+        return [order for order in self._orders.get(vehicle, {}).values() if order.is_open]
 
     def due(self, vehicle: str) -> list[tuple[str, Given]]:
         """What the next contact delivers: ("order" or "cancel", order), the safe orders first.
@@ -158,13 +160,14 @@ class Ledger:
         """Notes that an order is about to be sent: from now on its outcome is unknown until it is answered."""
         order = self.find(vehicle, number)
         if order.is_open:
-            self._set(vehicle, replace(order, status=UNKNOWN))
+            self._orders[vehicle][number] = replace(order, status=UNKNOWN)
 
     def note_answer(self, vehicle: str, number: int, outcome: str, text: str = "", at: str = "") -> None:
         """Notes the vehicle's answer; one that settles nothing leaves the order open."""
         order = self.find(vehicle, number)
         if order.is_open:
-            self._set(vehicle, replace(order, status=outcome if outcome in FINAL else UNKNOWN, text=text, at=at))
+            status = outcome if outcome in FINAL else UNKNOWN
+            self._orders[vehicle][number] = replace(order, status=status, text=text, at=at)
 
     def find(self, vehicle: str, number: int) -> Given:
         """An order.
@@ -172,11 +175,6 @@ class Ledger:
         Raises:
             LedgerError: if there is none.
         """
-        for order in self._orders.get(vehicle, []):
-            if order.number == number:
-                return order
-        raise LedgerError(f"{vehicle} was given no order {number}")
-
-    def _set(self, vehicle: str, order: Given) -> None:
-        orders = self._orders[vehicle]
-        orders[[found.number for found in orders].index(order.number)] = order
+        if (order := self._orders.get(vehicle, {}).get(number)) is None:
+            raise LedgerError(f"{vehicle} was given no order {number}")
+        return order
