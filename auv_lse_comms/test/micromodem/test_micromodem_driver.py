@@ -420,6 +420,13 @@ def test_a_reception_ends_with_its_statistics_and_reports_what_the_modem_measure
     assert math.isnan(packet.travel_s)  # no synchronous clocks are configured
 
 
+def test_statistics_that_the_driver_does_not_use_may_be_garbled():
+    bench = Bench().configure()
+    assert bench.hear(CYCLE, PROBE, MFD, FRAME) == []
+    (packet,) = bench.hear(statistics().replace("-10.5", "#").replace("00300", "nan"))
+    assert (packet.payload, packet.snr_db) == (PAYLOAD, 12.3)
+
+
 @pytest.mark.parametrize("order", list(itertools.permutations([CYCLE, PROBE, MFD])))
 def test_the_order_of_the_announcements_does_not_matter(order):
     bench = Bench().configure()

@@ -48,7 +48,6 @@ class MissionUpload:
     Attributes:
         state: State of the current upload.
         problem: Why it failed.
-        uploads: Number of missions accepted.
     """
 
     def __init__(
@@ -57,7 +56,6 @@ class MissionUpload:
         """Uploads with `send` to the autopilot `system`, `component`."""
         self.state = UploadState.IDLE
         self.problem = ""
-        self.uploads = 0
         self._send = send
         self._to = (system, component)
         self._timeout_s = timeout_s
@@ -134,7 +132,6 @@ class MissionUpload:
         stopped = state == mavlink.MISSION_STATE_COMPLETE or (flies and state in _STOPPED)
         if self.state is UploadState.SELECTING and number == self._first and not (self._restarts and stopped):
             self.state = UploadState.DONE
-            self.uploads += 1
 
     def _select(self, now_s: float) -> None:
         """Makes the first item the current one."""

@@ -178,19 +178,12 @@ class ModemEmulator:
                     mode=MODE_GOOD if good else MODE_BAD_CRC,
                     utc_s=self._host.utc_s(arrived_s),
                     clock=self._host.clock_status,
-                    detection=detection,
                     rate=arrival.rate,
                     source=arrival.source,
                     destination=arrival.destination,
                     frames=arrival.frames,
                     bad_frames=0 if good else arrival.frames,
-                    snr_rss_db=round(snr_db),
                     snr_in_db=snr_db,
-                    snr_out_db=snr_db,
-                    snr_symbol_db=snr_db,
-                    mse_db=-snr_db,
-                    doppler_mps=arrival.doppler_mps,
-                    noise_db=60,
                 )
             )
 

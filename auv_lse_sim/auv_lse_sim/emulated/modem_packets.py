@@ -35,7 +35,6 @@ class HeardPacket:
         payload: Its bytes; None if it could not be decoded.
         snr_db: Signal to noise ratio (dB), not finite if unknown.
         rate: Packet rate number.
-        doppler_mps: Relative speed of the sender (m/s).
         measured_s: Arrival of its first sound (s) by this modem's clock, as the sender's clock counts; NaN: `start_s`.
     """
 
@@ -46,7 +45,6 @@ class HeardPacket:
     snr_db: float = math.nan
     rate: int = 4
     frames: int = 1
-    doppler_mps: float = 0.0
     measured_s: float = math.nan
 
     @property

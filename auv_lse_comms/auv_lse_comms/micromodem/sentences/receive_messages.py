@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from auv_lse_comms.micromodem.sentences.fields import arrival_time, read_arrival_time, take_int, take_text, whole_or
+from auv_lse_comms.micromodem.sentences.fields import arrival_time, read_arrival_time, take_int, take_text
 from auv_lse_comms.micromodem.sentences.layout import Message, address, flag, hexadecimal, rounded, tenths, whole
 from auv_lse_comms.micromodem.sentences.wire import Sentence
 
@@ -48,36 +48,25 @@ class FrameHeard(Message):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceptionStatistics(Message):
-    """`$CACST,6,mode,toa,toa_mode,...`: the statistics of a reception.
+    """`$CACST,6,mode,toa,toa_mode,...`: the statistics of a reception, as far as the driver uses them.
 
     Attributes:
         mode: 0 good, 1 bad CRC in a frame, 2 packet timeout (then only `utc_s` and `mode` are known).
         utc_s: Arrival of the packet's probe on the modem's clock, s since 1970 (UTC); NaN if unreadable.
         clock: Clock status, see `clock_is_synchronous`.
         snr_in_db: Signal to noise ratio at the equalizer's input, dB; NaN if unknown.
-        doppler_mps: Relative speed of the sender, m/s; NaN if unknown.
     """
 
     TYPE: ClassVar[str] = "CACST"
     mode: int
     utc_s: float
-    detection: Detection = Detection(peak=0, power_db=0, ratio_db=0, spl_db=0)
     clock: int = rounded("toa_mode", 2, default=0)
     rate: int = rounded("rate", 12, missing=-1, default=-1)
     source: int = rounded("src", 13, missing=-1, default=-1)
     destination: int = rounded("dest", 14, missing=-1, default=-1)
-    psk_error: int = rounded("psk_error", 15, default=0)
     frames: int = rounded("frames", 17, default=0)
     bad_frames: int = rounded("bad_frames", 18, default=0)
-    snr_rss_db: int = rounded("snr_rss", 19, default=0)
     snr_in_db: float = tenths("snr_in", 20)
-    snr_out_db: float = tenths("snr_out", 21)
-    snr_symbol_db: float = tenths("snr_sym", 22)
-    mse_db: float = tenths("mse", 23)
-    doppler_mps: float = tenths("doppler", 25)
-    noise_db: int = rounded("noise", 26, default=0)
-    carrier_hz: int = rounded("carrier", 27, default=25000)
-    bandwidth_hz: int = rounded("bandwidth", 28, default=5000)
 
     @classmethod
     def read(cls, fields: Sequence[str]) -> ReceptionStatistics:
@@ -88,16 +77,13 @@ class ReceptionStatistics(Message):
         utc_s = read_arrival_time(take_text(fields, 1, "toa"))  # an old one has no date: NaN
         if mode == MODE_PACKET_TIMEOUT:
             return cls(mode=mode, utc_s=utc_s)
-        names = ("mfd_peak", "mfd_pow", "mfd_ratio", "mfd_spl")
-        peak, power, ratio, spl = (whole_or(fields, 3 + i, name) for i, name in enumerate(names))
-        detection = Detection(peak=peak, power_db=power, ratio_db=ratio, spl_db=spl)
-        return cls(mode=mode, utc_s=utc_s, detection=detection, **cls.read_columns(fields))
+        return cls(mode=mode, utc_s=utc_s, **cls.read_columns(fields))
 
     def sentence(self) -> Sentence:
-        """`$CACST`, version 6, 30 fields; the unknown fields (gains, shifts, data quality) are 0."""
-        texts = self.texts()
+        """`$CACST`, version 6, 30 fields; those that the driver does not use are 0, carrier and bandwidth excepted."""
+        texts = [*self.texts(), *["0"] * 6, "25000", "5000"]
         texts[:2] = str(self.mode), "" if math.isnan(self.utc_s) else arrival_time(self.utc_s)
-        texts[3:7], texts[16] = self.detection.texts(), "1" if self.rate == 0 else "3"
+        texts[16] = "1" if self.rate == 0 else "3"
         return Sentence(self.TYPE, ("6", *texts))
 
 

@@ -100,8 +100,6 @@ class TransmitStatistics(Message):
     utc_s: float
     mode: int
     clock: int = rounded("toa_mode", 2)
-    bandwidth_hz: int = rounded("bandwidth", 5, default=5000)
-    carrier_hz: int = rounded("carrier", 6, default=25000)
     rate: int = rounded("rate", 7, missing=-1)
     source: int = rounded("src", 8, missing=-1)
     destination: int = rounded("dest", 9, missing=-1)
@@ -120,6 +118,6 @@ class TransmitStatistics(Message):
     def sentence(self) -> Sentence:
         """`$CAXST`, version 6; probe length 200 samples, packet type 3 (PSK) or 1 (FSK)."""
         stamp, texts = arrival_time(self.utc_s), self.texts()
-        texts[:5] = stamp[:8], stamp[8:], texts[2], str(self.mode), "200"
+        texts[:7] = stamp[:8], stamp[8:], texts[2], str(self.mode), "200", "5000", "25000"
         texts[13] = "1" if self.rate == 0 else "3"
         return Sentence(self.TYPE, ("6", *texts))
