@@ -5,6 +5,7 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 # isort: split
 
 from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.transforms_node import TransformPublisher
@@ -17,7 +18,7 @@ from auv_lse_comms.packet.key import read_key
 from auv_lse_mavlink.dvl_node import listen_to_dvl
 from auv_lse_mavlink.messages import events
 from auv_lse_mavlink.messages.conversion import Target
-from auv_lse_mavlink.messages.datum import origin_of
+from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.port import AutopilotPort, Event
 from auv_lse_mavlink.targets.limits import target_limits
 from auv_lse_mavlink.targets.waypoints import ends_to_reach, target_of
@@ -35,7 +36,7 @@ class VehicleLinkNode(DriverNode):
         config = section(LinkConfig, self.parameters, "link", self.where)
         if config.kind != "mavlink":
             raise ParameterError(f"{self.where}: link.kind is {config.kind!r}, but this node drives only 'mavlink'")
-        origin = origin_of(self.parameters, self.where)
+        origin = Origin.of(section(AreaConfig, self.parameters, "area", self.where))
         try:
             limits = target_limits(self.parameters, self.where)
             key = read_key(config.key_file) if config.key_file else None

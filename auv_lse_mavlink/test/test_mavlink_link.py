@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
+from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, section
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.dead_reckoning import Fix
@@ -25,7 +26,7 @@ from auv_lse_mavlink.messages.conversion import (
     target_of_item,
     target_of_position,
 )
-from auv_lse_mavlink.messages.datum import Datum, Origin, origin_of
+from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.wire import MavlinkCodec
@@ -709,12 +710,12 @@ def test_reached_ends_are_left_out_of_the_next_mission():
 )
 def test_a_mission_origin_that_is_no_position_is_named(area):
     with pytest.raises(ParameterError, match=r"m.yaml: area.* (need|are .* one is missing|must be a (number|mapping))"):
-        origin_of({"area": area}, "m.yaml")
+        section(AreaConfig, {"area": area}, "area", "m.yaml")
 
 
 def test_the_missions_origin():
-    assert origin_of({"area": {"origin_lat_deg": 46.5, "origin_lon_deg": 6.6}}, "m.yaml") == ORIGIN
-    assert origin_of({"area": {}}, "m.yaml") is origin_of({}, "m.yaml") is None
+    assert Origin.of(from_mapping(AreaConfig, {"origin_lat_deg": 46.5, "origin_lon_deg": 6.6}, "m.yaml")) == ORIGIN
+    assert Origin.of(AreaConfig()) is None
 
 
 def test_missions_need_an_origin():

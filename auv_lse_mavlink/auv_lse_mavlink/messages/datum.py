@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 
@@ -73,12 +70,3 @@ class Datum:
         if self.mission is None:
             raise ValueError("the mission has no origin; set area.origin_lat_deg and area.origin_lon_deg")
         return self.mission
-
-
-def origin_of(parameters: Mapping[str, Any], where: str) -> Origin | None:
-    """The mission's origin from the section `area`, None if it has none; `where` is for messages.
-
-    Raises:
-        ParameterError: if the section `area` cannot be used.
-    """
-    return Origin.of(section(AreaConfig, parameters, "area", where))

@@ -1,11 +1,13 @@
 """One session of a laptop with a vehicle: takes requests line by line, and answers each."""
 
+import contextlib
 import os
 import select
 import shutil
 import time
 import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -201,14 +203,15 @@ class Session:
                     answer = self._executed(order)
                     if answer.is_final:
                         book.note(order, answer)
-                        self._keep(book)
+                        with contextlib.suppress(OSError):  # repeated, it would be executed again, which is harmless
+                            self._orders.write(book)
         except (OSError, OrderError) as error:
             if order.verb not in ALWAYS:
                 text = f"It cannot be recorded, so it is not executed: {error_text(error)}. Free space on the vehicle."
-                return _answered(Answer(UNRECORDED, text, _now()))
+                return asdict(Answer(UNRECORDED, text, _now()))
             answer = self._executed(order)
             answer = Answer(answer.outcome, f"{answer.text} (not recorded: {error_text(error)})", answer.at)
-        return _answered(answer) | {"controller": self._controller()}
+        return asdict(answer) | {"controller": self._controller()}
 
     def _executed(self, order: Order) -> Answer:
         try:
@@ -217,18 +220,12 @@ class Session:
             outcome, text = REFUSED, f"{type(error).__name__}: {error}"
         return Answer(outcome, text, _now())
 
-    def _keep(self, book: Any) -> None:
-        try:
-            self._orders.write(book)
-        except OSError:  # repeated, it would be executed again, which is harmless
-            return
-
     def _cancel(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         order = Order.read(asked)
         with self._orders.opened(_WAIT_S) as book:
             answer = book.cancel(order, _now())
             self._orders.write(book)
-        return _answered(answer)
+        return asdict(answer)
 
     def _take_over(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         order = Order.read({**asked, "number": 1, "verb": "hold"})
@@ -300,10 +297,6 @@ def _size(value: Any) -> int:
     if type(value) is not int or not 0 < value <= MAX_SENT:
         raise WireError(f"{value!r} is not a number of bytes that can be sent")
     return value
-
-
-def _answered(answer: Answer) -> dict[str, Any]:
-    return {"outcome": answer.outcome, "text": answer.text, "at": answer.at}
 
 
 def _now() -> str:

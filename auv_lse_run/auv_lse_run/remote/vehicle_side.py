@@ -1,6 +1,7 @@
 """auv_lse vehicle-side: what `auv_lse fleet` runs on a vehicle, over SSH."""
 
 import argparse
+import contextlib
 import os
 import sys
 from pathlib import Path
@@ -41,8 +42,6 @@ def run(options: argparse.Namespace) -> int:
     answers = os.dup(1)
     os.dup2(2, 1)  # whatever else prints must not end up between the answers
     sys.stdout = sys.stderr
-    try:
+    with contextlib.suppress(BrokenPipeError):  # the link was cut
         Session(options.folder.expanduser().absolute(), number, domain).serve(Stream(0, answers))
-    except BrokenPipeError:  # the link was cut
-        return 0
     return 0

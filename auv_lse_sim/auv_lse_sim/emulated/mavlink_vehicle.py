@@ -61,14 +61,12 @@ class AutopilotSetup:
     """Where an autopilot's positions and depths count from, and how it dives.
 
     Attributes:
-        origin: Its estimator's origin; None: the mission's.
-        origin_height_m: Height of that origin, and of home, above the surface.
+        origin_height_m: Height of its estimator's origin, and of home, above the surface.
         pressure: Message with the water's pressure, as in `link.pressure`.
         dive: Takes the depth (m) of each target.
         is_boat: Whether it travels at the surface, so that a target there is a position to go to.
     """
 
-    origin: Origin | None = None
     origin_height_m: float = 0.0
     pressure: str = "SCALED_PRESSURE2"
     dive: Callable[[float], None] = lambda depth_m: None
@@ -113,8 +111,7 @@ class MavlinkVehicle:
         self.counts: Counter[str] = Counter()
         self.fault = Fault.NONE
         self._setup = setup or AutopilotSetup()
-        self._own_depth = self._setup.origin_height_m, self._setup.pressure
-        self.datum = Datum(origin, self._setup.origin or origin)
+        self.datum = Datum(origin, origin)
         self.mission: tuple[Message, ...] = ()
         self.current = 0
         self._system_id = system_id
@@ -155,7 +152,8 @@ class MavlinkVehicle:
             self._beat_s = now_s
             self._send(heartbeat())
         self._send(mavlink.MAVLink_system_time_message(round(now_s * 1e6), self._boot_ms))
-        for message in telemetry(self._boot_ms, report, self.datum, *self._own_depth):
+        own_depth = self._setup.origin_height_m, self._setup.pressure
+        for message in telemetry(self._boot_ms, report, self.datum, *own_depth):
             self._send(message)
         self._upload.poll(now_s)
 
@@ -174,9 +172,7 @@ class MavlinkVehicle:
 
     def move_origin(self, up_m: float) -> None:
         """Moves the estimator's origin up (m), as a correction by GPS or a ground station does."""
-        height_m = self._setup.origin_height_m + up_m
-        self._setup = replace(self._setup, origin_height_m=height_m)
-        self._own_depth = height_m, self._setup.pressure
+        self._setup = replace(self._setup, origin_height_m=self._setup.origin_height_m + up_m)
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send; returns each once."""

@@ -140,7 +140,7 @@ class MissionEvents:
     # ------------------------------------------------------------------ maps and plans
 
     def _sounding(self, vehicle: int, stamp_s: float, sounding: Sounding) -> list[Event]:
-        self._map_of(vehicle).add_soundings([(stamp_s, *sounding[1:4])])
+        self._map_of(vehicle).add([(stamp_s, *sounding[1:4])])
         if self._is_due(f"sounding {vehicle}", stamp_s, _TRACK_S):
             self._event_s[f"sounding {vehicle}"] = stamp_s
             self._sounded[vehicle].append((sounding.north_m, sounding.east_m))
@@ -258,7 +258,7 @@ class MissionEvents:
         if not len(samples):
             return []
         source = int(samples.vehicle[0])
-        self._map_of(vehicle).add_samples(samples.points_m, source)
+        self._map_of(vehicle).add(samples.points_m, source)
         self._sounded[vehicle] += map(tuple, samples.locations_m.tolist())
         positions = decimetres(samples.locations_m)
         return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "positions": positions}]

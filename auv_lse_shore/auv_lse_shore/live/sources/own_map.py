@@ -38,15 +38,8 @@ class OwnMap:
         self.stopped = True
         self._waiting.clear()
 
-    def add_soundings(self, rows: ArrayLike) -> None:
-        """Takes own soundings: stamp (s), north, east, depth (m), shape (n, 4)."""
-        self._add(0, rows)
-
-    def add_samples(self, rows: ArrayLike, source: int) -> None:
-        """Takes samples received from vehicle `source`: north, east, depth (m), shape (n, 3)."""
-        self._add(source, rows)
-
-    def _add(self, source: int, rows: ArrayLike) -> None:
+    def add(self, rows: ArrayLike, source: int = 0) -> None:
+        """Takes own soundings: stamp (s), north, east, depth (m); of vehicle `source`, samples without stamps."""
         if not self.stopped:
             self._waiting.append((source, rows))
 
