@@ -32,6 +32,17 @@ def heartbeat(armed: bool = True) -> Message:
     )
 
 
+def version(system: int) -> Message:
+    """AUTOPILOT_VERSION of a system."""
+    able = (
+        mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    )
+    none = bytes(8)
+    return mavlink.MAVLink_autopilot_version_message(able, 1, 0, 0, 0, none, none, none, 0, 0, system)
+
+
 def telemetry(boot_ms: int, report: Report, datum: Datum, height_m: float, pressure: str) -> Iterator[Message]:
     """The messages of one tick.
 

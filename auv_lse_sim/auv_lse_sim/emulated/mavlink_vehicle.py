@@ -32,7 +32,7 @@ from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_sim.emulated.autopilot_report import AIR_PA, Report
 from auv_lse_sim.emulated.fault import Fault
-from auv_lse_sim.emulated.mavlink_telemetry import depth_telemetry, heartbeat, telemetry
+from auv_lse_sim.emulated.mavlink_telemetry import depth_telemetry, heartbeat, telemetry, version
 from auv_lse_sim.emulated.mission_protocol import MissionProtocol
 from auv_lse_sim.vehicle.target_leg import leg_to
 
@@ -309,13 +309,7 @@ class MavlinkVehicle:
         self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *sender))
 
     def _send_version(self) -> bool:
-        able = (
-            mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
-            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-            | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-        )
-        none = bytes(8)
-        self._send(mavlink.MAVLink_autopilot_version_message(able, 1, 0, 0, 0, none, none, none, 0, 0, self._system_id))
+        self._send(version(self._system_id))
         return True
 
     def _send_origin(self) -> bool:

@@ -83,12 +83,12 @@ class ArduPilot:
         self.battery, self.has_echo = 0.99, True
         self.setup, self.own = setup, setup.personality
         is_sub = self.own.surface is not None
-        self.parameters = Parameters(SUB_DEFAULTS if is_sub else ROVER_DEFAULTS, setup.renamed)
+        self.parameters: Parameters = Parameters(SUB_DEFAULTS if is_sub else ROVER_DEFAULTS, setup.renamed)
         self.parameters.put(SYSID_THISMAV=float(system_id), **setup.parameters)
         self.parameters.boot()
         self.failsafes = Failsafes(self.own, self.parameters, setup.patience)
         self.estimator = Estimator(setup, origin)
-        self.streams = Streams(self)
+        self.streams: Streams = Streams(self)
         self._parameter_protocol = ParameterProtocol(self.parameters, self.send)
         self.guidance = SubGuidance(Pose.at_rest(*start)) if is_sub else RoverGuidance(Pose.at_rest(*start))
         self.pilot = OrderedPilot(self.guidance)

@@ -38,12 +38,13 @@ class Streams:
         """Makes everything due now."""
         self._sent_s = {}
 
-    def set_interval(self, message_id: int, interval_us: float) -> None:
-        """Streams one message at an interval (us), as SET_MESSAGE_INTERVAL sets it; -1: not at all, 0: by its group."""
+    def set_interval(self, message_id: int, interval_us: float) -> bool:
+        """Streams a message at an interval (us), as SET_MESSAGE_INTERVAL sets it; -1: not at all, 0: by its group."""
         if interval_us == 0.0:
             self._intervals_s.pop(message_id, None)
         else:
             self._intervals_s[message_id] = math.inf if interval_us < 0.0 else interval_us * 1e-6
+        return True
 
     def due(self, now_s: float, report: Report) -> list[Message]:
         """The messages that are due at `now_s`."""
