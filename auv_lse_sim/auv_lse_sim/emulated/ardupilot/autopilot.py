@@ -27,7 +27,7 @@ from auv_lse_sim.emulated.ardupilot.parameter_protocol import ParameterProtocol
 from auv_lse_sim.emulated.ardupilot.parameters import ROVER_DEFAULTS, SUB_DEFAULTS, Parameters
 from auv_lse_sim.emulated.ardupilot.pilot import OrderedPilot
 from auv_lse_sim.emulated.ardupilot.setup import Setup
-from auv_lse_sim.emulated.ardupilot.streams import Streams, mission_current
+from auv_lse_sim.emulated.ardupilot.streams import Status, Streams, mission_current
 from auv_lse_sim.emulated.autopilot_report import AIR_PA, Report
 from auv_lse_sim.emulated.fault import Fault
 from auv_lse_sim.emulated.mission_protocol import MissionProtocol
@@ -83,12 +83,12 @@ class ArduPilot:
         self.battery, self.has_echo = 0.99, True
         self.setup, self.own = setup, setup.personality
         is_sub = self.own.surface is not None
-        self.parameters: Parameters = Parameters(SUB_DEFAULTS if is_sub else ROVER_DEFAULTS, setup.renamed)
+        self.parameters = Parameters(SUB_DEFAULTS if is_sub else ROVER_DEFAULTS, setup.renamed)
         self.parameters.put(SYSID_THISMAV=float(system_id), **setup.parameters)
         self.parameters.boot()
         self.failsafes = Failsafes(self.own, self.parameters, setup.patience)
         self.estimator = Estimator(setup, origin)
-        self.streams: Streams = Streams(self)
+        self.streams = Streams(self.own, self.parameters, self.estimator)
         self._parameter_protocol = ParameterProtocol(self.parameters, self.send)
         self.guidance = SubGuidance(Pose.at_rest(*start)) if is_sub else RoverGuidance(Pose.at_rest(*start))
         self.pilot = OrderedPilot(self.guidance)
@@ -146,7 +146,7 @@ class ArduPilot:
             self._send_heartbeat()
         self._send_unasked()
         moving = dataclasses.replace(report, climb_mps=-float(self.pilot.at(now_s).velocity_mps[2]))
-        for message in self.streams.due(now_s, moving):
+        for message in self.streams.due(now_s, moving, self._status()):
             self.send(message)
         self._upload.poll(now_s)
         if self.setup.feeds:
@@ -166,7 +166,7 @@ class ArduPilot:
         self._send_heartbeat()
         for _ in range(ON_DECK):
             self.streams.forget_times()
-            for message in self.streams.due(now_s, here):
+            for message in self.streams.due(now_s, here, self._status()):
                 self.send(message)
 
     def move_origin(self, up_m: float) -> None:
@@ -195,16 +195,6 @@ class ArduPilot:
     def now_s(self) -> float:
         """Time of the present call (s)."""
         return self._now_s
-
-    @property
-    def is_guided(self) -> bool:
-        """Whether it is in GUIDED."""
-        return self.mode == self.own.guided
-
-    @property
-    def target_m(self) -> tuple[float, float] | None:
-        """North, east (m) of the present target; None: there is none."""
-        return None if self._target is None else (self._target.north_m, self._target.east_m)
 
     def send(self, message: Message) -> None:
         """Queues a message."""
@@ -293,6 +283,16 @@ class ArduPilot:
         self.send_origin(home=True)
 
     # ------------------------------------------------------------------ output
+
+    def _status(self) -> Status:
+        target = self._target
+        return Status(
+            target_m=None if target is None else (target.north_m, target.east_m),
+            is_guided=self.mode == self.own.guided,
+            mission=self.mission,
+            battery=self.battery,
+            has_echo=self.has_echo,
+        )
 
     def _send_heartbeat(self) -> None:
         is_booting = self.own.surface is not None and self.estimator.up_s < BOOT_S

@@ -1,19 +1,17 @@
 """The messages that ArduPilot streams, in groups whose rates are parameters (SR0_...)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from auv_lse_mavlink.messages.conversion import DOWN
 from auv_lse_mavlink.messages.wire import Message, mavlink
 from auv_lse_sim.emulated import mavlink_telemetry as telemetry
 from auv_lse_sim.emulated.ardupilot.auto_mission import AutoMission
+from auv_lse_sim.emulated.ardupilot.estimator import Estimator
+from auv_lse_sim.emulated.ardupilot.parameters import Parameters
+from auv_lse_sim.emulated.ardupilot.personality import Personality
 from auv_lse_sim.emulated.autopilot_report import Report
-
-if TYPE_CHECKING:
-    from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
 
 #: Energy of a full battery (Wh), and hJ in one.
 BATTERY_WH, HJ_PER_WH = 266.0, 36.0
@@ -21,12 +19,30 @@ BATTERY_WH, HJ_PER_WH = 266.0, 36.0
 MAVLINK_RANGE_FINDER = 10
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """What an autopilot reports beside the vehicle's state and its estimator's.
+
+    Attributes:
+        target_m: North, east of the present target (m); None: there is none.
+        is_guided: Whether it is in GUIDED.
+        battery: Charge, 0 to 1.
+        has_echo: Whether the range finder's source sends.
+    """
+
+    target_m: tuple[float, float] | None
+    is_guided: bool
+    mission: AutoMission
+    battery: float
+    has_echo: bool
+
+
 class Streams:
     """Sends each group at its rate."""
 
-    def __init__(self, autopilot: ArduPilot) -> None:
-        """Reports the state of `autopilot`; rates and the range finder's settings are among its parameters."""
-        self._autopilot, self._estimator = autopilot, autopilot.estimator
+    def __init__(self, personality: Personality, parameters: Parameters, estimator: Estimator) -> None:
+        """Reads rates and the range finder's settings from `parameters`."""
+        self._own, self._parameters, self._estimator = personality, parameters, estimator
         self._sent_s: dict[str, float] = {}
         self._intervals_s: dict[int, float] = {}  # by message id, of SET_MESSAGE_INTERVAL
 
@@ -46,16 +62,16 @@ class Streams:
             self._intervals_s[message_id] = math.inf if interval_us < 0.0 else interval_us * 1e-6
         return True
 
-    def due(self, now_s: float, report: Report) -> list[Message]:
+    def due(self, now_s: float, report: Report, status: Status) -> list[Message]:
         """The messages that are due at `now_s`."""
         messages: list[Message] = []
         for group, makers in GROUPS.items():
-            rate_hz = self._autopilot.parameters[f"SR0_{group}"]
+            rate_hz = self._parameters[f"SR0_{group}"]
             in_group = self._is_due(group, now_s, 1.0 / rate_hz if rate_hz > 0.0 else math.inf)
             for maker, message_id in makers:
                 interval_s = self._intervals_s.get(message_id)
                 sends = in_group if interval_s is None else self._is_due(f"{group} {message_id}", now_s, interval_s)
-                message = maker(self, report) if sends else None
+                message = maker(self, report, status) if sends else None
                 if message is not None:
                     messages.append(message)
         return messages
@@ -68,38 +84,38 @@ class Streams:
 
     # ------------------------------------------------------------------ messages
 
-    def _pressure(self, report: Report) -> Message:
+    def _pressure(self, report: Report, status: Status) -> Message:
         return mavlink.MAVLink_scaled_pressure_message(self._estimator.boot_ms, report.pressure_pa / 100.0, 0.0, 1428)
 
-    def _pressure2(self, report: Report) -> Message:
+    def _pressure2(self, report: Report, status: Status) -> Message:
         return mavlink.MAVLink_scaled_pressure2_message(self._estimator.boot_ms, report.pressure_pa / 100.0, 0.0, 1428)
 
-    def _pressure3(self, report: Report) -> Message | None:
+    def _pressure3(self, report: Report, status: Status) -> Message | None:
         """ArduSub's temperature sensor, which has no pressure."""
-        if self._autopilot.own.surface is None:
+        if self._own.surface is None:
             return None
         return mavlink.MAVLink_scaled_pressure3_message(self._estimator.boot_ms, 0.0, 0.0, 4001)
 
-    def _sys_status(self, report: Report) -> Message:
-        percent = round(100.0 * self._autopilot.battery)
+    def _sys_status(self, report: Report, status: Status) -> Message:
+        percent = round(100.0 * status.battery)
         return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12600, 0, percent, 0, 0, 0, 0, 0, 0)
 
-    def _battery(self, report: Report) -> Message:
-        used_hj = round((1.0 - self._autopilot.battery) * BATTERY_WH * HJ_PER_WH)
+    def _battery(self, report: Report, status: Status) -> Message:
+        used_hj = round((1.0 - status.battery) * BATTERY_WH * HJ_PER_WH)
         voltages = [12600] + [65535] * 9
         return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, 0, -1, used_hj, -1)
 
-    def _mission_current(self, report: Report) -> Message:
-        return mission_current(self._autopilot.mission)
+    def _mission_current(self, report: Report, status: Status) -> Message:
+        return mission_current(status.mission)
 
-    def _gps(self, report: Report) -> Message:
+    def _gps(self, report: Report, status: Status) -> Message:
         if self._estimator.uses_gps:
             return telemetry.gps(self._estimator.boot_ms, report, self._estimator.datum)
         unknown, none = 65535, mavlink.GPS_FIX_TYPE_NO_GPS
         return mavlink.MAVLink_gps_raw_int_message(0, none, 0, 0, 0, unknown, unknown, 0, 0, 0)
 
-    def _navigation(self, report: Report) -> Message:
-        here, target_m = (report.north_m, report.east_m), self._autopilot.target_m
+    def _navigation(self, report: Report, status: Status) -> Message:
+        here, target_m = (report.north_m, report.east_m), status.target_m
         apart_m, bearing = 0.0, 0
         if target_m is not None:
             apart_m = math.dist(here, target_m)
@@ -109,10 +125,10 @@ class Streams:
             0.0, 0.0, heading, bearing % 360, min(int(apart_m), 65535), 0.0, 0.0, 0.0
         )
 
-    def _target(self, report: Report) -> Message | None:
+    def _target(self, report: Report, status: Status) -> Message | None:
         """ArduRover's echo of its target; ArduSub sends none."""
-        target_m, datum = self._autopilot.target_m, self._estimator.datum
-        if self._autopilot.own.surface is not None or target_m is None or not self._autopilot.is_guided:
+        target_m, datum = status.target_m, self._estimator.datum
+        if self._own.surface is not None or target_m is None or not status.is_guided:
             return None
         if datum.mission is None or datum.autopilot is None:
             return None
@@ -122,31 +138,29 @@ class Streams:
             self._estimator.boot_ms, mavlink.MAV_FRAME_GLOBAL, position_only, lat, lon, *(0.0,) * 9
         )
 
-    def _global_position(self, report: Report) -> Message:
+    def _global_position(self, report: Report, status: Status) -> Message:
         return telemetry.global_position(
             self._estimator.boot_ms, report, self._estimator.datum, self._estimator.height_m
         )
 
-    def _local_position(self, report: Report) -> Message | None:
+    def _local_position(self, report: Report, status: Status) -> Message | None:
         if not self._estimator.has_position:
             return None
         return telemetry.local_position(
             self._estimator.boot_ms, report, self._estimator.datum, self._estimator.height_m
         )
 
-    def _attitude(self, report: Report) -> Message:
+    def _attitude(self, report: Report, status: Status) -> Message:
         return telemetry.attitude(self._estimator.boot_ms, report)
 
-    def _system_time(self, report: Report) -> Message:
+    def _system_time(self, report: Report, status: Status) -> Message:
         return mavlink.MAVLink_system_time_message(self._estimator.unix_us, self._estimator.boot_ms)
 
-    def _distance(self, report: Report) -> Message | None:
-        looks_down = round(self._autopilot.parameters["RNGFND1_ORIENT"]) == DOWN
-        if round(self._autopilot.parameters["RNGFND1_TYPE"]) != MAVLINK_RANGE_FINDER or not (
-            self._autopilot.has_echo and looks_down
-        ):
+    def _distance(self, report: Report, status: Status) -> Message | None:
+        looks_down = round(self._parameters["RNGFND1_ORIENT"]) == DOWN
+        if round(self._parameters["RNGFND1_TYPE"]) != MAVLINK_RANGE_FINDER or not (status.has_echo and looks_down):
             return None
-        reach_cm = (round(self._autopilot.parameters[f"RNGFND1_{end}_CM"]) for end in ("MIN", "MAX"))
+        reach_cm = (round(self._parameters[f"RNGFND1_{end}_CM"]) for end in ("MIN", "MAX"))
         return telemetry.distance(self._estimator.boot_ms, report, *reach_cm)
 
 
@@ -155,7 +169,7 @@ def mission_current(mission: AutoMission) -> Message:
     return mavlink.MAVLink_mission_current_message(mission.current, mission.total, mission.state, 0)
 
 
-_Maker = Callable[[Streams, Report], Message | None]
+_Maker = Callable[[Streams, Report, Status], Message | None]
 
 #: Messages of each group, with their ids.
 GROUPS: dict[str, tuple[tuple[_Maker, int], ...]] = {
