@@ -97,6 +97,18 @@ def test_the_position_under_the_pointer_has_latitude_and_longitude(browser):
     browser.ask("(liveView.map.probe = null, liveView.map.fit())")
 
 
+def test_a_packet_is_not_missed_by_a_vehicle_whose_data_are_not_there(browser):
+    """As in the recording of one vehicle of a team."""
+    lists = "['pose', 'received'].map((kind) => liveView.store.list(kind, 2))"
+    sent_s = browser.ask("liveView.store.list('sent', 1).at(-3).t")
+    browser.ask(f"(window.kept = {lists}.map((list) => list.splice(0)), liveView.store.changes++)")
+    at(browser, sent_s + 9.0)
+    assert text(browser, "slots-words").endswith("no data of auv2.")
+    browser.ask(f"({lists}.forEach((list, i) => list.push(...kept[i])), liveView.store.changes++)")
+    at(browser, sent_s + 9.0)
+    assert re.search("(received|missed) by auv2", text(browser, "slots-words"))
+
+
 def test_twenty_vehicles_are_on_one_screen(browser, serving):
     browser.size(1366, 768)
     browser.ask(

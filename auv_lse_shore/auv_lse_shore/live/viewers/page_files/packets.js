@@ -7,7 +7,8 @@ export function slotAt(tdma, t) {
   return { owner: tdma.order[((index % count) + count) % count], start, end: start + tdma.slot_s };
 }
 
-// Whether each other vehicle has received a packet by time t: "flying" (on its way), "heard" or "lost".
+// Whether each other vehicle has received a packet by time t: "flying" (on its way), "heard", "lost", or "unknown"
+// without data of that vehicle, as in the recording of another one.
 export function receptionsOf(store, packet, t) {
   const { send_s, sound_mps, slot_s } = store.facts.tdma, from = store.pose(packet.vehicle, packet.t);
   return store.facts.vehicles.filter((v) => v.number !== packet.vehicle).map(({ number: vehicle }) => {
@@ -15,7 +16,7 @@ export function receptionsOf(store, packet, t) {
     const away = from && to ? Math.hypot(to.north - from.north, to.east - from.east) : 0;
     const heard = store.between("received", vehicle, packet.t, packet.t + slot_s).find((r) => r.source === packet.vehicle);
     const due = heard ? heard.t : packet.t + send_s + away / sound_mps;
-    const state = t < due ? "flying" : heard ? "heard" : t < due + 1 ? "flying" : "lost";
+    const state = t < due ? "flying" : heard ? "heard" : t < due + 1 ? "flying" : to ? "lost" : "unknown";
     return { vehicle, due, heard, state };
   });
 }

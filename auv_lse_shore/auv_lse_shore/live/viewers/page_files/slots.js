@@ -70,7 +70,7 @@ export class SlotView {
     c.fillRect(x(packet.t), here - row * 0.32, wide, row * 0.64);
     c.strokeRect(x(packet.t), here - row * 0.32, wide, row * 0.64);
     for (const { vehicle, due, state } of packet.receptions) {
-      if (state === "flying") continue;
+      if (state === "flying" || state === "unknown") continue;
       const at = x(due), there = y(vehicle), size = Math.min(5, row * 0.26);
       c.strokeStyle = rgba(color, 0.8);
       c.beginPath();
@@ -106,7 +106,7 @@ export class SlotView {
     if (!last) return setText(this.words, `${now} No packet yet.`);
     const outcomes = receptionsOf(store, last, t).map(({ vehicle, heard, state }) => {
       const snr = heard && heard.snr_db !== null ? ` (${number(heard.snr_db)} dB)` : "";
-      return { flying: `on its way to auv${vehicle}`, heard: `received by auv${vehicle}${snr}`, lost: `missed by auv${vehicle}` }[state];
+      return { flying: `on its way to auv${vehicle}`, heard: `received by auv${vehicle}${snr}`, lost: `missed by auv${vehicle}`, unknown: `no data of auv${vehicle}` }[state];
     });
     const content = last.samples === undefined ? `${last.bytes} bytes (${last.problem})` : `${last.samples} samples and a plan`;
     setText(this.words, `${now} Last packet: auv${last.vehicle} at ${clock(last.t - start)}, ${content}; ${outcomes.join(", ") || "no other vehicle"}.`);
