@@ -14,6 +14,8 @@ from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT
 from auv_lse_common.vocabulary.mission_run import Action
 from auv_lse_planner.paths.motion import MotionTable
 
+#: Standard deviation of the way that a full battery lasts, as a share of it, below which that is learned.
+LEARNED_SHARE = 0.2
 #: GO is refused if the battery is expected to last for less than this share of the legs.
 LEAST_SHARE = 0.5
 
@@ -103,15 +105,14 @@ class BatteryWatch:
         return f"the battery ({left:.0%}) suffices for the {home_m:.0f} m to the recovery position, and not for more"
 
     def values(self, north_m: float, east_m: float) -> dict[str, str]:
-        """What diagnostics show: the legs left by battery, and the way that a full battery lasts."""
+        """What diagnostics show: the legs left by battery, and the way that a full battery lasts once it is learned."""
         if not self.use.is_known:
             return {}
         lasts_m, std_m = self.use.lasts_m
-        left_m = self.use.left_m(self._to_home(north_m, east_m))
-        return {
-            LEGS_LEFT: f"{int(left_m / self.leg_m)}",
-            BATTERY_LASTS: f"{lasts_m / 1000.0:.2f} km (standard deviation {std_m / 1000.0:.2f} km)",
-        }
+        found = {LEGS_LEFT: f"{int(self.use.left_m(self._to_home(north_m, east_m)) / self.leg_m)}"}
+        if std_m < LEARNED_SHARE * lasts_m:  # else the charge has hardly fallen yet
+            found[BATTERY_LASTS] = f"{lasts_m / 1000.0:.2f} km (standard deviation {std_m / 1000.0:.2f} km)"
+        return found
 
     def _to_home(self, north_m: float, east_m: float) -> tuple[float, float]:
         return (0.0, 0.0) if self.home_m is None else (self.home_m[0] - north_m, self.home_m[1] - east_m)

@@ -66,6 +66,15 @@ def test_it_comes_home_above_the_reserve_and_does_not_turn_early(per_m: float, l
     assert abs(float(values[BATTERY_LASTS].split()[0]) - 0.001 / per_m) < 0.2
 
 
+def test_a_battery_whose_charge_does_not_fall_tells_nothing_of_how_far_it_lasts() -> None:
+    """The report would propose thousands of kilometres for vehicle.battery_km."""
+    one, _ = dive(0.0)
+    assert one.watch.way is not None
+    values = one.battery.values(*one.watch.way[2:])
+    assert LEGS_LEFT in values
+    assert BATTERY_LASTS not in values
+
+
 @pytest.mark.parametrize(
     "values", [{"reported": False}, {"min_battery": 0.0}, {"at_end": "hold"}], ids=["silent", "not watched", "no home"]
 )
