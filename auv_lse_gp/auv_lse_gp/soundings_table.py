@@ -19,8 +19,8 @@ from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.plurals import counted, listed
 from auv_lse_common.support.text import decoded
-from auv_lse_gp.length_units import is_unit_name, stated_units, unit_column
 from auv_lse_gp.no_data import fill_values, is_no_data
+from auv_lse_gp.tables.units import is_unit_name, stated_units, unit_column
 
 #: Accepted column names, in lower case.
 _NORTH = ("north_m", "n_m", "y_m", "northing_m", "northing")

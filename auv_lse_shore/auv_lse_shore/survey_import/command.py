@@ -9,7 +9,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 
 from auv_lse_common.support.atomic_files import check_folder
-from auv_lse_gp.length_units import METRES
+from auv_lse_gp.tables.units import METRES
 from auv_lse_shore.report.progress import can_rewrite
 from auv_lse_shore.survey_import.choice import Choice
 from auv_lse_shore.survey_import.clocks import ClockFacts, start_of

@@ -9,7 +9,7 @@ import pytest
 from adjust.survey_logs import START_S
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
-from auv_lse_shore.survey_import.parsing.dialect import numbers_of
+from auv_lse_gp.tables.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import days
 from auv_lse_shore.survey_import.survey_log import LogError
 

@@ -11,10 +11,10 @@ from adjust.survey_logs import START_S, depth_m, survey
 from adjust.tables import ROWS, checked, gathered, lines, utc
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_gp.tables import dialect
+from auv_lse_gp.tables.angles import angle
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import UserFacts, gather
-from auv_lse_shore.survey_import.parsing import dialect
-from auv_lse_shore.survey_import.parsing.angles import angle
 from auv_lse_shore.survey_import.survey_log import LogError
 
 TABLES = {

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from auv_lse_gp.length_units import METRES
+from auv_lse_gp.tables.units import METRES
 from auv_lse_sim.ground.ground import GroundError
 
 _DOWN = re.compile(r"\b(depths?|soundings?|fathoms?)\b")

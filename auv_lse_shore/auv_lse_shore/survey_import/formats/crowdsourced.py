@@ -10,8 +10,8 @@ import numpy as np
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
+from auv_lse_shore.survey_import.parsing.stated_units import StatedUnits
 from auv_lse_shore.survey_import.parsing.times import datetimes
-from auv_lse_shore.survey_import.parsing.units import StatedUnits
 from auv_lse_shore.survey_import.survey_log import LogError
 
 _FEATURES = re.compile(r'"features"\s*:\s*\[')

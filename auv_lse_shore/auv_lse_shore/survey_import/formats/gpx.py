@@ -9,8 +9,8 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
+from auv_lse_shore.survey_import.parsing.stated_units import StatedUnits
 from auv_lse_shore.survey_import.parsing.times import datetimes
-from auv_lse_shore.survey_import.parsing.units import StatedUnits
 from auv_lse_shore.survey_import.survey_log import LogError
 
 #: Names of extensions that hold a depth (m, or in a unit that they state), without their namespace.

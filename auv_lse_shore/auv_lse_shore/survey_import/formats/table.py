@@ -3,15 +3,16 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
-from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.plurals import listed
 from auv_lse_common.support.text import is_text
+from auv_lse_gp.tables.column_names import Column
+from auv_lse_gp.tables.dialect import Dialect, columns_of, dialect_of
+from auv_lse_gp.tables.table_error import TableError
+from auv_lse_gp.tables.values import SAMPLE_LETTERS, read_values
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
-from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.columns import (
     Table,
     columns_for,
@@ -20,7 +21,6 @@ from auv_lse_shore.survey_import.parsing.columns import (
     vehicles_of,
     with_all_names,
 )
-from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.survey_log import LogError
 
 #: The most columns that are listed as not used.
@@ -44,7 +44,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         OSError: if it cannot be read.
     """
     text = file.text.replace("\u2212", "-")  # a typographic minus
-    dialect = dialect_of(text[: tv.SAMPLE_LETTERS])
+    dialect = dialect_of(text[:SAMPLE_LETTERS])
     if dialect is None:
         raise LogError(f"{file.path} has no columns of numbers.")
     options.used.add("columns")
@@ -54,31 +54,21 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         raise LogError(
             f"{file.path} has two headers, {','.join(dialect.header)} and {other[1]} in line {other[0]}. Split it there"
         )
-    return _contents(file, text, dialect, columns, options)
+    try:
+        return _contents(file, text, dialect, columns, options)
+    except TableError as error:
+        raise LogError(str(error)) from error
 
 
 def _contents(
     file: LogFile, text: str, dialect: Dialect, columns: dict[str, Column], options: ReadOptions
 ) -> list[LogContent]:
     """The logs of the vehicles in a table."""
-    parts: dict[str, list[NDArray[np.str_] | Array]] = {role: [] for role in columns}
-    texts = {role for role in columns if role.startswith(tv.TEXT_ROLES)}
     is_given = bool(options.depth_unit_m) or "depth_unit" in columns
-    read, lines = 0, text.count("\n") + 1
-    for piece in columns_of(text, dialect, [column.number for column in columns.values()]):
-        for (role, column), cells in zip(columns.items(), piece, strict=True):
-            about = (file.path, role, cells, dialect.decimal_comma, is_given or bool(column.unit.strip("- ")))
-            parts[role].append(np.array(cells) if role in texts else tv.values_of(*about))
-        read += len(piece[0])
-        file.progress(min(read / lines, 1.0))
-    if not read:
+    values = read_values(file.path, text, dialect, columns, is_given, file.progress)
+    table = Table(path=file.path, columns=columns, values=values, decimal_comma=dialect.decimal_comma)
+    if not table.count:
         raise LogError(f"{file.path} has a header and no rows of values.")
-    table = Table(
-        path=file.path,
-        columns=columns,
-        values={role: np.concatenate(arrays) for role, arrays in parts.items()},
-        decimal_comma=dialect.decimal_comma,
-    )
     shared = LogContent(file.path.name)
     shared.notes += tv.unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     rows = tv.rows_of(table, options, shared)

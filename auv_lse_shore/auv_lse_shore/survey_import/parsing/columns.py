@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Mask
-from auv_lse_gp.length_units import METRES, factor_of
-from auv_lse_shore.survey_import.parsing.column_names import ROLES, Column, column_of, named_columns
-from auv_lse_shore.survey_import.parsing.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
+from auv_lse_gp.tables.column_names import DEPTHS, ROLES, Column, column_of, named_columns
+from auv_lse_gp.tables.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
+from auv_lse_gp.tables.units import ANGLE_UNITS, METRES, OTHER_UNITS, TIME_UNITS, factor_of
 from auv_lse_shore.survey_import.parsing.proposal import proposal
-from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
 
 
@@ -47,7 +46,6 @@ _DECIMALS = re.compile(r"\d[.,]\d{3,}")
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
 _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
-DEPTHS = ("depth", "elevation", "z")
 #: The least depth of a survey is hardly more than this share of the largest.
 _NEAR_SHARE = 0.5
 #: Roles of times in columns of their own, beside the day's.

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
-from auv_lse_gp.length_units import METRES
-from auv_lse_shore.survey_import.parsing.column_names import column_of
-from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of
+from auv_lse_gp.tables.column_names import column_of
+from auv_lse_gp.tables.dialect import Dialect, is_number, numbers_of
+from auv_lse_gp.tables.units import METRES
 from auv_lse_shore.survey_import.parsing.times import days, of_day_s
 
 #: What names of columns of heights, and of either depths or heights, contain.

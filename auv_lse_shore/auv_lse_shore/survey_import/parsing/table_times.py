@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
-from auv_lse_gp.length_units import factor_of
+from auv_lse_gp.tables.column_names import HEADER_ZONE_NAME, Column
+from auv_lse_gp.tables.dialect import numbers_of
+from auv_lse_gp.tables.units import TIME_UNITS, factor_of
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.column_names import Column
 from auv_lse_shore.survey_import.parsing.columns import (
     DATE_PARTS,
     GPS_TIME,
@@ -21,9 +22,7 @@ from auv_lse_shore.survey_import.parsing.columns import (
     has_date_parts,
     vehicles_of,
 )
-from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.times import (
-    HEADER_ZONE_NAME,
     UTC_FROM_S,
     are_compact,
     are_four_digits,
@@ -33,6 +32,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     days,
     full_year,
     header_zone_s,
+    months,
     of_counts,
     of_day_s,
     of_gps_weeks,
@@ -42,7 +42,6 @@ from auv_lse_shore.survey_import.parsing.times import (
     with_colons,
     zoned_of,
 )
-from auv_lse_shore.survey_import.parsing.units import TIME_UNITS
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
 #: A clock that goes back by more than this (s) has passed midnight, or rows are in another order; by this, midnight.
@@ -212,7 +211,8 @@ def _dates(table: Table) -> _Dates:
     if "year" in columns and "day_of_year" in columns and (values["day_of_year"] <= 366.0).any():
         roles, form, parts = ("year", "day_of_year"), "{:.0f}-{:03.0f}", [np.floor(values["day_of_year"])]
     elif "year" in columns and "month" in columns and (of_month <= 31.0).any():
-        roles, form, parts = ("year", "month", "date"), "{:.0f}-{:.0f}-{:.0f}", [values["month"], of_month]
+        of_year = months(values["month"].tolist(), table.decimal_comma)
+        roles, form, parts = ("year", "month", "date"), "{:.0f}-{:.0f}-{:.0f}", [of_year, of_month]
     if form:
         rows = zip(*(np.nan_to_num(part, nan=-1.0).tolist() for part in (values["year"], *parts)), strict=True)
         texts = [form.format(full_year(int(year)), *rest) if year >= 0.0 else "" for year, *rest in rows]

@@ -6,33 +6,22 @@ import dataclasses
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.text import text_of
-from auv_lse_gp.length_units import factor_of, is_unstated, stated_m, stated_units, unit_column
+from auv_lse_gp.tables.angles import degrees_of
+from auv_lse_gp.tables.column_names import DEPTHS, Column
+from auv_lse_gp.tables.units import factor_of, is_unstated, stated_m, stated_units, unit_column
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.angles import angle, degrees_of
-from auv_lse_shore.survey_import.parsing.column_names import Column
-from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Table, depth_role, first_of
-from auv_lse_shore.survey_import.parsing.dialect import first_unclear, numbers_of
+from auv_lse_shore.survey_import.parsing.columns import Table, depth_role, first_of
 from auv_lse_shore.survey_import.parsing.table_times import times_of
-from auv_lse_shore.survey_import.parsing.times import months
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
-#: Letters from which a table's dialect is found.
-SAMPLE_LETTERS = 100_000
-#: Beginnings of the roles whose cells stay text.
-TEXT_ROLES = ("date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day", "utc_offset")
-#: Beginnings of the roles of lengths and of coordinates in metres.
-_LENGTHS = ("depth", "elevation", "z", "own_depth", "above_bottom", "altitude", "north", "east")
-#: The unit behind a depth.
-_METRES = re.compile(r"(?<=\d)\s*(?:m|met(?:er|re)s?)\.?\s*$", re.IGNORECASE)
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
 #: More names than these in a column of sounders number something else.
@@ -94,33 +83,6 @@ def beginning(head: bytes) -> str:
     """The text of a file's beginning, without the line that is cut off."""
     text = text_of(head)
     return text[: text.rfind("\n") + 1] or text
-
-
-def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool, has_unit: bool = False) -> Array:
-    """Numbers of cells; angles may have hemispheres, minutes and seconds, months names, depths "m" behind them.
-
-    Args:
-        has_unit: Whether the unit of the cells is stated elsewhere: then one behind a depth may contradict it.
-
-    Raises:
-        LogError: if a hemisphere is not clear, or what separates the digits of a length.
-    """
-    numbers = numbers_of(cells, decimal_comma)
-    if role in DEPTHS and not has_unit and np.isnan(numbers).any():
-        cells = [_METRES.sub("", cell) for cell in cells]
-        numbers = numbers_of(cells, decimal_comma)
-    if role.startswith(_LENGTHS) and (unclear := first_unclear(cells, decimal_comma)):
-        raise LogError(
-            f"{path}: it is unclear what separates thousands or decimals in {unclear!r}, because other numbers have a "
-            f"decimal {'comma' if decimal_comma else 'point'}. Write numbers without separated thousands."
-        )
-    if role == "month":
-        return np.where(np.isnan(numbers), months(cells), numbers)
-    if role not in ("lat", "lon", "x", "y"):
-        return numbers
-    for i in np.flatnonzero(~np.isfinite(numbers)).tolist():
-        numbers[i] = angle(cells[i].replace(",", ".") if decimal_comma else cells[i], path)
-    return numbers
 
 
 def unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) -> list[str]:

@@ -8,6 +8,8 @@ from datetime import UTC, date, datetime
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
+from auv_lse_gp.tables.column_names import HEADER_ZONE
+from auv_lse_gp.tables.dialect import numbers_of
 
 #: Times from here on (s since 1970: 2000) are UTC; smaller ones count from a start.
 UTC_FROM_S = 946_684_800.0
@@ -85,12 +87,6 @@ _ZONE = re.compile(r"(?<=[\d:. ]{3})\s*(Z|UTC|GMT|(?:UTC|GMT)?[+-]\d{2}(?::?\d{2
 _OFFSET = re.compile(r"(?:UTC|GMT)?[+-]\d{2}:?\d{2}")
 _PLAIN_OFFSET = re.compile(r"(?:UTC|GMT)? *([+-]?\d+(?:\.\d*)?)")
 _MOST_AHEAD_S = 14.0 * 3600.0
-#: A zone in the header of a column, such as "UTC+2".
-HEADER_ZONE = re.compile(r"(?<![a-z])(?:utc|gmt)\s*([+-])\s*(0?\d|1[0-4])(?::?(\d{2}))?(?!\d)", re.IGNORECASE)
-#: The name of a zone there, whose offset is not known.
-HEADER_ZONE_NAME = re.compile(
-    r"(?<=[ _(\[-])(MES?Z|(CE|EE|WE)S?T|[BI]ST|(E|C|M|P|AK|H|AE|AC|AW|NZ|J)ST|(E|C|M|P|AK|AE|AC|NZ)DT|MSK)\b"
-)
 #: Letters of times that NumPy reads.
 _ISO_LETTERS = frozenset("0123456789-:.TZ \n")
 
@@ -280,11 +276,12 @@ def _with_numbers(text: str) -> str:
     return f"{full_year(int(year))}-{_MONTHS[name.lower()]}-{day}{rest}"
 
 
-def months(texts: Sequence[str]) -> Array:
-    """Numbers (n,) of months by their names; NaN for others."""
+def months(texts: Sequence[str], decimal_comma: bool) -> Array:
+    """Numbers (n,) of months, which may have names; NaN for other texts."""
     found = {text: _MONTH_NAME.match(text.strip()) for text in set(texts)}
     numbers = {text: _MONTHS[match[1].lower()] if match else float("nan") for text, match in found.items()}
-    return np.array([numbers[text] for text in texts])
+    stated = numbers_of(texts, decimal_comma)
+    return np.where(np.isnan(stated), [numbers[text] for text in texts], stated)
 
 
 def full_year(number: int) -> int:

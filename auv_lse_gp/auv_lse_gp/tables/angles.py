@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
-from auv_lse_gp.length_units import factor_of
-from auv_lse_shore.survey_import.parsing.column_names import Column
-from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS
-from auv_lse_shore.survey_import.survey_log import LogError
+from auv_lse_gp.tables.column_names import Column
+from auv_lse_gp.tables.table_error import TableError
+from auv_lse_gp.tables.units import ANGLE_UNITS, factor_of
 
 _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)(?:-(?=\d)|[°º d:]*)\s*"
                     r"(?:(\d+(?:\.\d*)?)(?:-(?=\d)|['′ m:]*))?\s*"
@@ -31,7 +30,7 @@ def angle(text: str, path: Path) -> float:
     """Degrees of a text such as N 46 30.5 or 46°30'12"S; NaN for another.
 
     Raises:
-        LogError: if the hemisphere is not clear.
+        TableError: if the hemisphere is not clear.
     """
     match = _ANGLE.match(text)
     if not match:
@@ -48,7 +47,7 @@ def angle(text: str, path: Path) -> float:
 def _side(letter: str, where: str, path: Path) -> float:
     """-1 for S and W, 1 for others."""
     if letter.upper() == "O":
-        raise LogError(f"{path}: the O in {where} is east in German and west in French and Spanish. Write E or W.")
+        raise TableError(f"{path}: the O in {where} is east in German and west in French and Spanish. Write E or W.")
     return -1.0 if letter.upper() in ("S", "W") else 1.0
 
 
@@ -56,7 +55,7 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
     """Latitude and longitude (deg), shape (n, 2), of a table's columns; their notation goes into `notes`.
 
     Raises:
-        LogError: if no position can be in degrees, or a hemisphere is not clear.
+        TableError: if no position can be in degrees, or a hemisphere is not clear.
     """
     names = ("lat", "lon")
     units = [columns[name].unit for name in names]
@@ -71,7 +70,7 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
     for number, name in enumerate(names):
         minutes, degrees = values.get(f"{name}_min"), positions[:, number]
         if are_whole and minutes is None and f"{names[1 - number]}_min" in values:
-            raise LogError(
+            raise TableError(
                 f"{path}: column {columns[name].name} has whole degrees, and there is no column of its minutes. Add it "
                 f"as {name}_min."
             )
@@ -91,7 +90,7 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
     elif len(known) and (over := (known > (90.0, 360.0))).any(axis=1).all():
         number = 0 if over[:, 0].any() else 1
         value = values[names[number]][np.isfinite(values[names[number]])][0]
-        raise LogError(
+        raise TableError(
             f"{path}: {('latitudes', 'longitudes')[number]} such as {value:.10g} are no degrees. Name the columns with "
             "--columns: lon,lat if they are swapped, lat_e7,lon_e7 for 1e-7 degrees, east,north for metres."
         )
@@ -114,7 +113,7 @@ def _hemispheres(columns: Mapping[str, Column], values: Mapping[str, Any], path:
     """Degrees (n, 2) with the signs that columns of hemispheres give them.
 
     Raises:
-        LogError: if a hemisphere is not clear.
+        TableError: if a hemisphere is not clear.
     """
     for number, name in enumerate(("lat", "lon")):
         sides = values.get(f"{name}_side")

@@ -4,9 +4,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from auv_lse_gp.length_units import METRES, UNIT_NAMES
-from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE, HEADER_ZONE_NAME
-from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS
+from auv_lse_gp.tables.units import ANGLE_UNITS, METRES, OTHER_UNITS, TIME_UNITS, UNIT_NAMES
 
 
 class Column(NamedTuple):
@@ -125,7 +123,15 @@ ROLES: dict[str, tuple[str, ...]] = {
     "y": ("y", "ycoord", "ycoordinate", "pointy", "coordy"),
     "z": ("z", "zcoord", "value", "zvalue"),
 }  # fmt: skip
+#: Roles of columns that depths are read from, the best first.
+DEPTHS = ("depth", "elevation", "z")
 _BY_NAME = {name: role for role, names in ROLES.items() for name in names}
+#: A zone in the header of a column, such as "UTC+2".
+HEADER_ZONE = re.compile(r"(?<![a-z])(?:utc|gmt)\s*([+-])\s*(0?\d|1[0-4])(?::?(\d{2}))?(?!\d)", re.IGNORECASE)
+#: The name of a zone there, whose offset is not known.
+HEADER_ZONE_NAME = re.compile(
+    r"(?<=[ _(\[-])(MES?Z|(CE|EE|WE)S?T|[BI]ST|(E|C|M|P|AK|H|AE|AC|AW|NZ|J)ST|(E|C|M|P|AK|AE|AC|NZ)DT|MSK)\b"
+)
 #: Hemispheres, and minutes and seconds, where the unit of a latitude or longitude stands.
 _SIDES = {"lat": ("n", "s", "north", "south"), "lon": ("e", "w", "east", "west")}
 _PARTS = {

@@ -1,4 +1,4 @@
-"""Units of length as files name them, and the column of a table that states the unit of its depths."""
+"""Units as files name them, and the column of a table that states the unit of its depths."""
 
 import functools
 import math
@@ -27,6 +27,18 @@ METRES = {
     **dict.fromkeys(("in", "inch", "inches"), 0.0254),
     "yd": 0.9144, "yard": 0.9144, "yards": 0.9144,
 }  # fmt: skip
+#: Seconds per unit of time.
+TIME_UNITS = {
+    "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0,
+    "minutes": 60.0, "h": 3600.0, "hours": 3600.0,
+}  # fmt: skip
+#: Degrees per unit of an angle. Grad are degrees in German, and gon in English: they are in `OTHER_UNITS`.
+ANGLE_UNITS = {
+    "rad": 57.29577951308232, "radians": 57.29577951308232, "gon": 0.9, "gons": 0.9, "gradian": 0.9, "gradians": 0.9,
+}  # fmt: skip
+#: What else stands where a unit is expected.
+OTHER_UNITS = ("deg", "degrees", "grad", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent",
+               "wgs84", "e7", "dege7", "ddmm", "dddmm")  # fmt: skip
 #: Names, without blanks and signs, of what states the unit of a depth beside it.
 UNIT_NAMES = ("depthunit", "depthunits", "depthuom", "unit", "units", "uom")
 #: What stands there if no unit is stated.

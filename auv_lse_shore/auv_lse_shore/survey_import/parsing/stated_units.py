@@ -1,24 +1,11 @@
-"""Units of a table's columns, as their headers state them."""
+"""The units that logs state beside their depths."""
 
 import math
 from collections.abc import Mapping
 from typing import Any
 
-from auv_lse_gp.length_units import is_unit_name, is_unstated, stated_m
+from auv_lse_gp.tables.units import is_unit_name, is_unstated, stated_m
 from auv_lse_shore.survey_import.log_content import LogContent
-
-#: Seconds per unit of time.
-TIME_UNITS = {
-    "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0,
-    "minutes": 60.0, "h": 3600.0, "hours": 3600.0,
-}  # fmt: skip
-#: Degrees per unit of an angle. Grad are degrees in German, and gon in English: they are in `OTHER_UNITS`.
-ANGLE_UNITS = {
-    "rad": 57.29577951308232, "radians": 57.29577951308232, "gon": 0.9, "gons": 0.9, "gradian": 0.9, "gradians": 0.9,
-}  # fmt: skip
-#: What else stands where a unit is expected.
-OTHER_UNITS = ("deg", "degrees", "grad", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent",
-               "wgs84", "e7", "dege7", "ddmm", "dddmm")  # fmt: skip
 
 
 class StatedUnits:
