@@ -105,8 +105,8 @@ def read_soundings_and_origin(path: Path, notes: list[str] | None = None) -> tup
         depth = -grid.values[known] if grid.upward else grid.values[known]
         return np.column_stack([grid.north_m[rows], grid.east_m[columns], depth]), None
     table = read_table(path)
-    if notes is not None and table.unused_note:
-        notes.append(table.unused_note)
+    if notes is not None:
+        notes += table.notes
     positions = local_positions(table)
     depth = -table.values if table.upward else table.values
     return np.column_stack(

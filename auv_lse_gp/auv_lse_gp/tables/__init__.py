@@ -1,1 +1,1 @@
-"""Tables of other programs: their dialects, the meaning of their columns, and the notations of their values."""
+"""Tables of other programs: their dialects, columns and values."""

@@ -18,7 +18,7 @@ _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)(?:-(?=\d)|[°º d:]*)
                     re.IGNORECASE)  # fmt: skip
 #: Units of 1e-7 degrees, of degrees and minutes in one number, and of unsigned degrees south or west.
 _E7 = re.compile(r"(deg)?\W*1?e-?7")
-_PACKED = re.compile(r"d{1,3}mm?\b.*")
+PACKED = re.compile(r"d{1,3}mm?\b.*")
 _NEGATIVE = re.compile(r"(°|º|deg|degrees|dd)?[ .]?(s|south|w|west)")
 #: What a unit of degrees, or the name of a geodetic datum, contains.
 _DEGREES = re.compile(r"deg|dms|grad\b|°|º|d{2}|wgs|etrs|nad|epsg|gcs|dec|\b(n|s|e|w|north|south|east|west)\b")
@@ -82,7 +82,7 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
             positions[:, number] = degrees + np.copysign(minutes / 60.0, degrees)
     known = np.abs(positions[np.isfinite(positions).all(axis=1) & (positions != 0.0).any(axis=1)])
     are_degrees = (known <= (90.0, 180.0)).all()  # also below a header of minutes: angle() has read their cells
-    if (any(map(_PACKED.fullmatch, units)) and not are_degrees) or _look_packed(known):
+    if (any(map(PACKED.fullmatch, units)) and not are_degrees) or _look_packed(known):
         whole = np.trunc(positions / 100.0)
         minutes = positions - 100.0 * whole
         positions = np.where(np.abs(minutes) < 60.0, whole + minutes / 60.0, np.nan)
@@ -91,8 +91,9 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
         number = 0 if over[:, 0].any() else 1
         value = values[names[number]][np.isfinite(values[names[number]])][0]
         raise TableError(
-            f"{path}: {('latitudes', 'longitudes')[number]} such as {value:.10g} are no degrees. Name the columns with "
-            "--columns: lon,lat if they are swapped, lat_e7,lon_e7 for 1e-7 degrees, east,north for metres."
+            f"{path}: {('latitudes', 'longitudes')[number]} such as {value:.10g} are no degrees. Name the columns "
+            "(auv_lse import: with --columns) lon,lat if they are swapped, lat_e7,lon_e7 for 1e-7 degrees, east,north "
+            "for metres."
         )
     for number, name in enumerate(names):
         if _NEGATIVE.fullmatch(units[number]) and not (positions[:, number] < 0.0).any():

@@ -190,7 +190,7 @@ def _suits(unit: str, key: str) -> bool:
 
 
 def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, Column]:
-    """The column of each role; of several columns, that of the role's first name. Several times are all kept.
+    """The column of each role; of several columns, that of the role's first name, of depths one with a unit.
 
     A second time or depth has the role with its rank added: "datetime", "datetime1".
     """
@@ -202,7 +202,7 @@ def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, 
             found.setdefault(column.role, []).append(column._replace(name=name.strip()))
     columns = {}
     for role, entries in found.items():
-        for i, column in enumerate(sorted(entries, key=lambda column: (column.rank, column.number))):
+        for i, column in enumerate(sorted(entries, key=lambda c: (c.rank, role in DEPTHS and not c.unit, c.number))):
             columns[role if not i else f"{role}{i}"] = column
     return columns
 

@@ -7,10 +7,13 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.plurals import counted
+from auv_lse_gp.tables.table_error import TableError
 
 #: Lines from which the dialect is found.
 SAMPLE = 200
@@ -41,7 +44,7 @@ _ROWS = 2_000
 #: Letters of the longest unit in a row of units, such as degrees_north.
 _LONGEST_UNIT = 16
 #: The longest line of a table.
-_LONGEST = 20_000
+LONGEST = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +56,8 @@ class Dialect:
         decimal_comma: Whether numbers are written 12,5.
         header: Names of the columns; () if there is no header.
         units: Units of the columns from a row of their own; () if there is none.
-        first: Number of the first row of values, among the rows that are no comments.
+        above: Number of rows that are no comments up to the header and its units.
+        first: Number of the first row of values among those rows.
         width: Usual number of fields.
         sample: The first rows of values.
     """
@@ -62,6 +66,7 @@ class Dialect:
     decimal_comma: bool
     header: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    above: int = 0
     first: int = 0
     width: int = 0
     sample: list[list[str]] = field(default_factory=list)
@@ -73,13 +78,12 @@ def lines_of(text: str) -> Iterator[str]:
     while piece := list(itertools.islice(lines, _ROWS)):
         # a quoted field that goes on in the next line stays one cell
         yield from [
-            line.rstrip("\n")
-            for line in piece
-            if (line[0].isdigit() or _may_hold_values(line)) and len(line) <= _LONGEST
+            line.rstrip("\n") for line in piece if (line[0].isdigit() or may_hold_values(line)) and len(line) <= LONGEST
         ]
 
 
-def _may_hold_values(line: str) -> bool:
+def may_hold_values(line: str) -> bool:
+    """Whether a line is neither blank nor a comment."""
     bare = line.strip()
     return bool(bare) and not _COMMENT.match(bare) and bare[:4] != "sep="
 
@@ -112,7 +116,7 @@ def dialect_of(text: str) -> Dialect | None:
             best, most = (delimiter, rows), score
     if best is None:
         return None
-    comments = itertools.takewhile(lambda line: not _may_hold_values(line), io.StringIO(text, newline=None))
+    comments = itertools.takewhile(lambda line: not may_hold_values(line), io.StringIO(text, newline=None))
     found = [_COMMENT.match(line.strip()) for line in itertools.islice(comments, SAMPLE)]
     behind = [match.string[match.end() :].strip() for match in found if match]
     return _with_header(*best, [[cell.strip() for cell in row] for row in fields_of(behind, best[0])])
@@ -155,7 +159,8 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
         return _BRACKETED.findall(" ".join(row)) if delimiter == " " and (len(row) > width or has_units) else row
 
     before = rows[: len(rows) if first is None else first]
-    names = [row for row in before if len([cell for cell in row if cell and not is_number(cell)]) >= 2]
+    named = [i for i, row in enumerate(before) if len([cell for cell in row if cell and not is_number(cell)]) >= 2]
+    names = [before[i] for i in named]
     header: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     if len(names) > 1 and len(names[-2]) == len(names[-1]) and max(map(len, names[-1])) <= _LONGEST_UNIT:
@@ -174,6 +179,7 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
         decimal_comma=commas > points,
         header=header,
         units=units,
+        above=named[-1] + 1 if named else 0,
         first=len(rows) if first is None else first,
         width=width,
         sample=values,
@@ -184,32 +190,57 @@ def rows_across(text: str, dialect: Dialect) -> list[list[str]]:
     """Rows of values from the whole table: its beginning may be without positions."""
     step = max(len(text) // _ROWS_ACROSS, 1)
     starts = sorted({text.find("\n", at) + 1 for at in range(0, len(text), step)} - {0})
-    lines = [text[start : start + _LONGEST].split("\n", 1)[0] for start in starts]
-    lines = [line for line in lines if _may_hold_values(line)]
+    lines = [text[start : start + LONGEST].split("\n", 1)[0] for start in starts]
+    lines = [line for line in lines if may_hold_values(line)]
     try:
         return [[cell.strip() for cell in row] for row in fields_of(lines, dialect.delimiter)]
     except csv.Error:
         return dialect.sample
 
 
-def columns_of(text: str, dialect: Dialect, wanted: Sequence[int]) -> Iterator[list[list[str]]]:
-    """The texts of the wanted columns, some thousand rows at once; missing fields are empty."""
+def columns_of(
+    text: str, dialect: Dialect, wanted: Sequence[int], whole: Path | None = None
+) -> Iterator[list[list[str]]]:
+    """The texts of the wanted columns, some thousand rows at once; missing fields are empty.
+
+    Args:
+        whole: The path of a table in which each row has as many fields as the header.
+
+    Raises:
+        TableError: naming the first line of a whole table that has other fields.
+    """
     rows = fields_of(lines_of(text), dialect.delimiter)
     rows = itertools.islice(rows, dialect.first, None)
-    width = max(wanted) + 1
+    width, all_fields, read = max(wanted) + 1, len(dialect.header) or dialect.width, 0
     while True:
         piece: list[list[str]] = []
         try:
             piece.extend(itertools.islice(rows, _ROWS))
-        except csv.Error:  # a quote that is not closed: the line is lost
+        except csv.Error as error:  # a quote that is not closed: the line is lost
+            if whole:
+                raise TableError(f"{whole}: {error}. Check its quotes") from error
             if not piece:
                 continue
         if not piece:
             return
+        if whole and {*map(len, piece)} != {all_fields}:
+            row = next(i for i, fields in enumerate(piece) if len(fields) != all_fields)
+            number, line = line_of(text, dialect, read + row)
+            raise TableError(
+                f"{whole}:{number}: {counted(len(piece[row]), 'field')} {line.strip()[:60]!r}, but "
+                f"{'the header' if dialect.header else 'the first row'} has {all_fields}"
+            )
+        read += len(piece)
         if min(map(len, piece)) < width:
             piece = [row + [""] * (width - len(row)) for row in piece]
         columns = list(zip(*piece, strict=False))
         yield [list(columns[i]) for i in wanted]
+
+
+def line_of(text: str, dialect: Dialect, row: int) -> tuple[int, str]:
+    """Number and text of the line with a row of values."""
+    lines = ((i, line) for i, line in enumerate(io.StringIO(text, newline=None), 1) if may_hold_values(line))
+    return next(itertools.islice(lines, dialect.first + row, None))
 
 
 def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
@@ -246,4 +277,6 @@ def _joined(text: str) -> str:
 def first_unclear(texts: Sequence[str], decimal_comma: bool) -> str:
     """The first number whose sign may separate thousands or decimals, such as 1.234 beside 980,5; "" without one."""
     sign, pattern = "." if decimal_comma else ",", _EITHER[decimal_comma]
+    if sign not in "".join(texts):
+        return ""
     return next((text.strip() for text in texts if sign in text and pattern.fullmatch(text.strip())), "")

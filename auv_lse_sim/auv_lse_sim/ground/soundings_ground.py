@@ -1,7 +1,7 @@
 """Ground from a table of scattered soundings, which it grids."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_common.support.arrays import Array, Ints
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_gp.soundings import FAR_M, is_far, local_positions
@@ -33,21 +33,20 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
         SoundingsError: if it is not a table of soundings.
     """
     table = read_table(path)
-    column, lines = table.depth_name, table.lines
+    column, where = table.depth_name, table.file.where
     depth, sign_note = depths_of(table.values, path, column, table.upward, config)
     negative = np.flatnonzero(depth < 0.0)
     if upside_down(depth, sign_note, config):
         raise GroundError(
-            f"{path}:{lines[negative[0]]}: depth {depth[negative[0]]:g} m is negative, as {len(negative)} of "
+            f"{where(negative[0])}: depth {depth[negative[0]]:g} m is negative, as {len(negative)} of "
             f"{len(depth)} soundings are, but {column} is positive down: {SIGN_ADVICE}"
         )
     deep = np.flatnonzero(depth > DEEPEST_M)
     if len(deep):
         raise GroundError(
-            f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m is deeper than {DEEPEST_M:g} m; depths must be in "
-            "metres"
+            f"{where(deep[0])}: depth {depth[deep[0]]:g} m is deeper than {DEEPEST_M:g} m; depths must be in metres"
         )
-    notes_on_depth = "; ".join(filter(None, [f"{counted(len(depth), 'sounding')}, {sign_note}", table.unused_note]))
+    notes_on_depth = "; ".join([f"{counted(len(depth), 'sounding')}, {sign_note}", *table.notes])
     locations = local_positions(table, origin)
     north, east = locations.north_m, locations.east_m
     if locations.from_degrees:
@@ -61,14 +60,18 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
             "may be projected (UTM). Give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
             f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
         )
-    check_together(path, north, east, lines)
+    check_together(where, north, east)
     return grid_soundings(
         north, east, depth, config, name=path.name, origin=locations.origin, notes=(notes_on_depth, *locations.notes)
     )
 
 
-def check_together(path: Path, north: Array, east: Array, lines: Sequence[int] | Ints) -> None:
+def check_together(where: Callable[[int], str], north: Array, east: Array) -> None:
     """Checks that no sounding lies absurdly far from the others.
+
+    Args:
+        where: Gives the file and the line of a sounding, by its number.
+        north, east: Positions (m), shape (n,).
 
     Raises:
         GroundError: naming the line of the first that does.
@@ -77,7 +80,7 @@ def check_together(path: Path, north: Array, east: Array, lines: Sequence[int] |
     far = np.flatnonzero(~(away <= _APART_M))
     if len(far):
         raise GroundError(
-            f"{path}:{lines[far[0]]}: the position {north[far[0]]:g} m north, {east[far[0]]:g} m east lies more than "
+            f"{where(far[0])}: the position {north[far[0]]:g} m north, {east[far[0]]:g} m east lies more than "
             f"{_APART_M / 1000:g} km from the others, as on {counted(len(far), 'line')}. Correct or remove them"
         )
 

@@ -1,0 +1,148 @@
+"""Tables in which every row counts: it is read, or the error names its line."""
+
+import dataclasses
+import io
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from auv_lse_common.support.arrays import Array, Mask
+from auv_lse_common.support.plurals import counted, listed
+from auv_lse_common.support.text import decoded
+from auv_lse_gp.tables.angles import PACKED, degrees_of
+from auv_lse_gp.tables.column_names import Column, named_columns
+from auv_lse_gp.tables.dialect import LONGEST, Dialect, columns_of, dialect_of, fields_of, line_of, may_hold_values
+from auv_lse_gp.tables.table_error import TableError
+from auv_lse_gp.tables.units import factor_of
+from auv_lse_gp.tables.values import SAMPLE_LETTERS, TEXT_ROLES, read_values
+
+#: Columns of this project's own tables for other programs.
+_OF_EXPORT = (
+    "", "time_s", "vehicle", "east_std_m", "north_std_m", "thu_m", "tvu_m", "s44_order", "latitude_deg",
+    "longitude_deg",
+)  # fmt: skip
+#: The most columns that are listed as not used.
+_MOST_LISTED = 8
+#: Letters of hemispheres in the columns of these roles.
+_SIDES = {"lat_side": ("N", "S"), "lon_side": ("E", "W", "O")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WholeTable:
+    """A table, of which every row has to be understood.
+
+    Attributes:
+        columns: The columns whose names are understood, by role.
+        count: Number of its rows.
+    """
+
+    path: Path
+    text: str
+    dialect: Dialect
+    columns: dict[str, Column]
+    count: int
+
+    def read(self, roles: Sequence[str], may_be_nan: str = "") -> dict[str, Any]:
+        """The values of columns by role, (n,) each, texts of `TEXT_ROLES`.
+
+        Raises:
+            TableError: naming the first line with other fields, or with a cell that is not a finite number.
+        """
+        columns = {role: self.columns[role] for role in roles}
+        has_unit = any(role.startswith("depth_unit") for role in roles)
+        values = read_values(self.path, self.text, self.dialect, columns, has_unit, is_whole=True)
+        for role in roles:
+            if role in _SIDES:
+                sides = np.char.upper(np.char.strip(values[role]).astype("U1"))
+                self.check(np.isin(sides, _SIDES[role]), role, "Write N, S, E or W")
+            elif not role.startswith(TEXT_ROLES):
+                is_good = np.isfinite(values[role])
+                if role == may_be_nan and not is_good.all():
+                    pieces = columns_of(self.text, self.dialect, [self.columns[role].number])
+                    cells = np.concatenate([np.char.lower(np.char.strip(cells)) for (cells,) in pieces])
+                    is_good |= np.isin(cells, ("nan", "-nan", "+nan"))
+                self.check(is_good, role, "Write a finite number")
+        return values
+
+    def unused(self, read: Container[str]) -> list[str]:
+        """A note on the columns that were not read, apart from those of this project's exports; [] without any."""
+        used = {column.number for role, column in self.columns.items() if role in read}
+        names = [n for i, n in enumerate(self.dialect.header) if i not in used and n.lower() not in _OF_EXPORT]
+        return [f"columns not used: {listed([name[:40] for name in names], _MOST_LISTED)}"] * bool(names)
+
+    def degrees(self, values: dict[str, Any], notes: list[str]) -> Array:
+        """Latitude and longitude (deg), shape (n, 2), of values that were read; their notation goes into `notes`.
+
+        Raises:
+            TableError: naming the first line that has none.
+        """
+        positions = degrees_of(self.columns, values, self.path, notes)
+        raw = np.abs(np.column_stack([values["lat"], values["lon"]]))
+        is_packed = any(PACKED.fullmatch(self.columns[role].unit) for role in ("lat", "lon"))
+        # one of them may be degrees and minutes in one number, the other plain degrees
+        doubtful = (raw > (90.0, 360.0)).any(axis=1) & (raw < 100.0).any(axis=1) & (not is_packed)
+        for number, (role, most) in enumerate((("lat", 90.0), ("lon", 360.0))):
+            is_good = (np.abs(positions[:, number]) <= most) & ~(doubtful & (raw[:, number] > most))
+            self.check(is_good, role, "Write degrees")
+        return positions
+
+    def metres(self, role: str, values: dict[str, Any]) -> Array:
+        """Lengths (m), shape (n,), of a column that was read.
+
+        Raises:
+            TableError: if its unit is not understood.
+        """
+        column = self.columns[role]
+        factor = factor_of(column.unit) if column.unit.strip("- ") else 1.0
+        if not factor:
+            raise TableError(
+                f"{self.path}: column {column.name} is in {column.unit!r}, which is no unit of length. Convert it to "
+                "metres, and write (m) behind its name"
+            )
+        lengths: Array = values[role] * factor
+        return lengths
+
+    def check(self, is_good: Mask, role: str, cure: str) -> None:
+        """Raises TableError for the first row (n,) that is not good, showing its cell."""
+        for row in np.flatnonzero(~is_good)[:1].tolist():
+            self.refuse(row, self.columns[role], cure)
+
+    def refuse(self, row: int, column: Column, cure: str) -> NoReturn:
+        """Raises TableError for a row; shows its line and its cell in a column."""
+        number, line = line_of(self.text, self.dialect, row)
+        cell = next(fields_of([line.rstrip()], self.dialect.delimiter))[column.number].strip()
+        raise TableError(f"{self.path}:{number}: {column.name} is {cell[:40]!r}. {cure}.")
+
+    def where(self, row: int) -> str:
+        """The file and the line of a row."""
+        return f"{self.path}:{line_of(self.text, self.dialect, row)[0]}"
+
+
+def whole_table(path: Path) -> WholeTable:
+    """The table in a text file.
+
+    Raises:
+        TableError: if it has no columns or no rows, or a line is longer than any of a table.
+        OSError: if it cannot be read.
+    """
+    text = decoded(path.read_bytes()).replace("\u2212", "-")  # a typographic minus
+    lines = 0
+    for number, line in enumerate(io.StringIO(text, newline=None), 1):
+        if len(line) > LONGEST:
+            raise TableError(
+                f"{path}:{number}: {line[:60]!r}... cannot be read as a row: it has more than {LONGEST:,} letters. "
+                "Check the line"
+            )
+        lines += line[0].isdigit() or may_hold_values(line)
+    dialect = dialect_of(text[:SAMPLE_LETTERS])
+    if dialect is None or lines == dialect.above:
+        raise TableError(
+            f"{path} has {counted(lines, 'line')}{' without columns' if lines > 1 else ''}; write a header such as "
+            "lat,lon,depth_m, then rows"
+        )
+    dialect = dataclasses.replace(dialect, first=dialect.above)
+    columns = named_columns(dialect.header, dialect.units)
+    return WholeTable(path=path, text=text, dialect=dialect, columns=columns, count=lines - dialect.above)
