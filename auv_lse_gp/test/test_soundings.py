@@ -314,8 +314,10 @@ def test_notations_that_import_reads_are_read_everywhere(tmp_path, header, row):
         (["lat;lon;depth", "46,5;6,6;980,5", "46,5;6,6;1.234"], r"thousands or decimals in '1\.234'"),
         (["lat,lon,depth_m", "46,5,6,6,12,5"], r"s\.csv:2: 6 fields .* but the header has 3"),
         (["north_m,east_m,depth_m", "1,2", "1,2,3", "1,2,3"], r"s\.csv:2: 2 fields '1,2', but the header has 3"),
-        (["north_m,east_m,depth_m", '1,2,"3', "1,2,3"], r"s\.csv:2: "),
+        (["north_m,east_m,depth_m", '1,2,"3', "1,2,3"], r"s\.csv:2: a quoted cell goes on in the next line"),
+        (["north_m,east_m,depth_m", "1,2,3", '1,2,"3', "1,2,3", '1,2,"'], r"s\.csv:3: a quoted cell goes on in"),
         (["north_m,east_m,depth_m", "1,2,3", "north_m,east_m,depth_m", "1,2,3"], r"s\.csv:3: north_m is 'north_m'"),
+        (["north_m\teast_m\tdepth_m", "1\t2\t3", "1\t2\t"], r"s\.csv:3: depth_m is ''"),
         (["x,y,depth_m", "1,2,3"], r"s\.csv:1: the columns x, y, depth_m are not enough"),
         (["1,2,3", "1,2,3"], r"s\.csv: the columns without a header are not enough"),
     ],
@@ -325,3 +327,11 @@ def test_a_row_that_is_not_understood_is_refused_by_its_line(tmp_path, rows, mes
     path.write_text("\n".join(rows), encoding="utf-8")
     with pytest.raises(SoundingsError, match=message):
         read_table(path)
+
+
+def test_lines_with_an_unusual_sign_of_comments_are_reported(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("# survey\nnorth_m,east_m,depth_m\n1,2,3\n! 1,2,4\n1,2,5\n'1,2,6\n")
+    table = read_table(path)
+    assert table.values.tolist() == [3.0, 5.0]
+    assert table.notes == ("2 lines taken as comments, such as line 4",)

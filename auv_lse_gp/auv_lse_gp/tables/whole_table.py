@@ -30,13 +30,14 @@ _MOST_LISTED = 8
 _SIDES = {"lat_side": ("N", "S"), "lon_side": ("E", "W", "O")}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class WholeTable:
     """A table, of which every row has to be understood.
 
     Attributes:
         columns: The columns whose names are understood, by role.
         count: Number of its rows.
+        comments: Numbers of the lines that begin with another sign of comments than #.
     """
 
     path: Path
@@ -44,6 +45,7 @@ class WholeTable:
     dialect: Dialect
     columns: dict[str, Column]
     count: int
+    comments: list[int]
 
     def read(self, roles: Sequence[str], may_be_nan: str = "") -> dict[str, Any]:
         """The values of columns by role, (n,) each, texts of `TEXT_ROLES`.
@@ -54,6 +56,10 @@ class WholeTable:
         columns = {role: self.columns[role] for role in roles}
         has_unit = any(role.startswith("depth_unit") for role in roles)
         values = read_values(self.path, self.text, self.dialect, columns, has_unit, is_whole=True)
+        if len(values[roles[0]]) != self.count:
+            lines = enumerate(io.StringIO(self.text, newline=None), 1)
+            number = next((number for number, line in lines if line.count('"') % 2), 1)
+            raise TableError(f"{self.path}:{number}: a quoted cell goes on in the next line. Remove the quotes")
         for role in roles:
             if role in _SIDES:
                 sides = np.char.upper(np.char.strip(values[role]).astype("U1"))
@@ -68,10 +74,13 @@ class WholeTable:
         return values
 
     def unused(self, read: Container[str]) -> list[str]:
-        """A note on the columns that were not read, apart from those of this project's exports; [] without any."""
+        """Notes on columns that were not read, apart from those of this project's exports, and on unusual comments."""
         used = {column.number for role, column in self.columns.items() if role in read}
         names = [n for i, n in enumerate(self.dialect.header) if i not in used and n.lower() not in _OF_EXPORT]
-        return [f"columns not used: {listed([name[:40] for name in names], _MOST_LISTED)}"] * bool(names)
+        notes = [f"columns not used: {listed([name[:40] for name in names], _MOST_LISTED)}"] * bool(names)
+        if self.comments:
+            notes.append(f"{counted(len(self.comments), 'line')} taken as comments, such as line {self.comments[0]}")
+        return notes
 
     def degrees(self, values: dict[str, Any], notes: list[str]) -> Array:
         """Latitude and longitude (deg), shape (n, 2), of values that were read; their notation goes into `notes`.
@@ -113,7 +122,7 @@ class WholeTable:
     def refuse(self, row: int, column: Column, cure: str) -> NoReturn:
         """Raises TableError for a row; shows its line and its cell in a column."""
         number, line = line_of(self.text, self.dialect, row)
-        cell = next(fields_of([line.rstrip()], self.dialect.delimiter))[column.number].strip()
+        cell = next(fields_of([line.rstrip("\r\n")], self.dialect.delimiter))[column.number].strip()
         raise TableError(f"{self.path}:{number}: {column.name} is {cell[:40]!r}. {cure}.")
 
     def where(self, row: int) -> str:
@@ -129,14 +138,17 @@ def whole_table(path: Path) -> WholeTable:
         OSError: if it cannot be read.
     """
     text = decoded(path.read_bytes()).replace("\u2212", "-")  # a typographic minus
-    lines = 0
+    lines, comments = 0, list[int]()
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
         if len(line) > LONGEST:
             raise TableError(
                 f"{path}:{number}: {line[:60]!r}... cannot be read as a row: it has more than {LONGEST:,} letters. "
                 "Check the line"
             )
-        lines += line[0].isdigit() or may_hold_values(line)
+        if line[0].isdigit() or may_hold_values(line):
+            lines += 1
+        elif line.strip() and not line.lstrip().startswith(("#", "sep=")):
+            comments.append(number)
     dialect = dialect_of(text[:SAMPLE_LETTERS])
     if dialect is None or lines == dialect.above:
         raise TableError(
@@ -145,4 +157,4 @@ def whole_table(path: Path) -> WholeTable:
         )
     dialect = dataclasses.replace(dialect, first=dialect.above)
     columns = named_columns(dialect.header, dialect.units)
-    return WholeTable(path=path, text=text, dialect=dialect, columns=columns, count=lines - dialect.above)
+    return WholeTable(path, text, dialect, columns, lines - dialect.above, comments)

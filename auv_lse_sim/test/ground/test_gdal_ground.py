@@ -11,6 +11,7 @@ from ground_helpers import bottom, check_bottom
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_sim.ground import gdal_ground, grid_ground, ground_source
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
@@ -258,6 +259,38 @@ def test_xyz_without_a_header(tmp_path, separator, decimal):
     assert "local origin put at its 500200.0, 5200200.0" in ground.describe()
     (tmp_path / "g.xyz").write_text(text + "\n1 2\n")
     with pytest.raises(GroundError, match=r"g\.xyz:1682: \d fields? '1 2', but the first row has 3"):
+        load_ground(tmp_path / "g.xyz")
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("", "{lon} {lat} {z}"),
+        ("x,y,z", "{lon},{lat},{z}"),
+        ("# lat lon depth", "{lat} {lon} {z}"),
+        ("# depth lat lon", "{z} {lat} {lon}"),
+        ("# made of soundings", "{lon} {lat} {z}"),
+        ("x;y;depth;remark", "{lon};{lat};{z};good"),
+    ],
+)
+def test_xyz_names_its_columns_or_has_longitudes_first(tmp_path, head, row):
+    north, east = np.meshgrid(AXIS, AXIS, indexing="ij")
+    lat, lon = geodetic_from_local(north, east, 47.5, 9.3)
+    values = zip(lat.flat, lon.flat, DEPTH[::-1].flat, strict=True)
+    rows = [row.format(lat=f"{a:.8f}", lon=f"{o:.8f}", z=f"{z:.3f}") for a, o, z in values]
+    (tmp_path / "g.xyz").write_text("\n".join([head, *rows]))
+    ground = load_ground(tmp_path / "g.xyz", BathymetryConfig(smoothing_m=0.0, depth_sign="down"), (47.5, 9.3))
+    check_bottom(ground, tolerance=0.5)
+    assert ("columns not used: remark" in ground.describe()) is ("remark" in head)
+
+
+def test_an_unknown_value_of_xyz_is_left_out_and_a_wrong_one_refused(tmp_path):
+    rows = [f"{10 * (i % 7)} {10 * (i // 7)} {i % 3}" for i in range(60)]
+    for cell in ("nan", "-9999"):
+        (tmp_path / "g.xyz").write_text("\n".join([*rows, f"5 5 {cell}"]))
+        assert "1 points without a value left out" in load_ground(tmp_path / "g.xyz").describe()
+    (tmp_path / "g.xyz").write_text("\n".join([*rows, "5 5 nan", "5 5 2o"]))
+    with pytest.raises(GroundError, match=r"g\.xyz:62: the third column is '2o'\. Write a finite number"):
         load_ground(tmp_path / "g.xyz")
 
 
