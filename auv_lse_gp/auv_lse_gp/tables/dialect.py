@@ -83,9 +83,9 @@ def lines_of(text: str) -> Iterator[str]:
 
 
 def may_hold_values(line: str) -> bool:
-    """Whether a line is neither blank nor a comment."""
+    """Whether a line is neither blank, as an empty row of a spreadsheet is, nor a comment."""
     bare = line.strip()
-    return bool(bare) and not _COMMENT.match(bare) and bare[:4] != "sep="
+    return bool(bare.strip(",;\t|")) and not _COMMENT.match(bare) and bare[:4] != "sep="
 
 
 def fields_of(lines: Iterator[str] | Sequence[str], delimiter: str) -> Iterator[list[str]]:
@@ -224,12 +224,13 @@ def columns_of(
         if not piece:
             return
         if whole and {*map(len, piece)} != {all_fields}:
-            row = next(i for i, fields in enumerate(piece) if len(fields) != all_fields)
-            number, line = line_of(text, dialect, read + row)
-            raise TableError(
-                f"{whole}:{number}: {counted(len(piece[row]), 'field')} {line.strip()[:60]!r}, but "
-                f"{'the header' if dialect.header else 'the first row'} has {all_fields}"
-            )
+            for row, found in enumerate(piece):
+                if len(found) < all_fields or any(found[all_fields:]):
+                    number, line = line_of(text, dialect, read + row)
+                    raise TableError(
+                        f"{whole}:{number}: {counted(len(found), 'field')} {line.strip()[:60]!r}, but "
+                        f"{'the header' if dialect.header else 'the first row'} has {all_fields}"
+                    )
         read += len(piece)
         if min(map(len, piece)) < width:
             piece = [row + [""] * (width - len(row)) for row in piece]

@@ -147,13 +147,13 @@ def whole_table(path: Path) -> WholeTable:
             )
         if line[0].isdigit() or may_hold_values(line):
             lines += 1
-        elif line.strip() and not line.lstrip().startswith(("#", "sep=")):
+        elif line.strip(",;|\t \r\n") and not line.lstrip().startswith(("#", "sep=")):
             comments.append(number)
     dialect = dialect_of(text[:SAMPLE_LETTERS])
     if dialect is None or lines == dialect.above:
         raise TableError(
-            f"{path} has {counted(lines, 'line')}{' without columns' if lines > 1 else ''}; write a header such as "
-            "lat,lon,depth_m, then rows"
+            f"{path} has {counted(lines, 'line')}{' without columns' if lines > 1 else ''}; write a header, then "
+            "rows of numbers"
         )
     dialect = dataclasses.replace(dialect, first=dialect.above)
     columns = named_columns(dialect.header, dialect.units)

@@ -1,15 +1,19 @@
 """Options of auv_lse export and auv_lse adjust that describe a survey."""
 
 import argparse
-import csv
+import dataclasses
 import datetime
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
 from auv_lse_gp.no_data import OFTEN_NO_DATA, is_no_data
+from auv_lse_gp.tables.column_names import Column
+from auv_lse_gp.tables.table_error import TableError
+from auv_lse_gp.tables.whole_table import whole_table
 from auv_lse_shore.export.survey import USUAL_SOUNDER_SPEED_MPS, Survey, SurveyError, Uncertainties
 
 #: Names of the uncertainties on the command line, and their fields.
@@ -188,78 +192,56 @@ def _sound_speed(given: str | None) -> Array | None:
 
 
 def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Array:
-    """Rows of two columns of a CSV file, by increasing first column; commas, semicolons or tabs separate them."""
-    needed = f"needed is a CSV file with columns {' or '.join(firsts)}, {second}"
+    """Rows of two columns of a table, by increasing first column; a time in UTC becomes seconds."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            head = file.readline()
-            file.seek(0)
-            separator = next((sign for sign in ";\t" if second in _cells(head, sign)), ",")
-            reader = csv.DictReader(file, delimiter=separator, skipinitialspace=True)
-            reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
-            first = next((name for name in firsts if name in reader.fieldnames), None)
-            if first is None or second not in reader.fieldnames:
-                columns = ", ".join(reader.fieldnames) or "none"
-                raise SurveyError(f"{option} {path} has the columns {columns}; {needed}")
-            rows: dict[float, tuple[float, str]] = {}
-            for row in reader:
-                texts = [(row[name] or "").strip() for name in (first, second)]
-                if not any(texts):
-                    continue  # an empty row of a spreadsheet
-                where = f"{option} {path}:{reader.line_num}"
-                value, level = _row(texts[0], texts[1], first, second, where, "." if separator == "," else ",")
-                if value in rows and rows[value][0] != level:
-                    raise SurveyError(
-                        f"{where}: {second} is {level:g} at {first} {texts[0]}, and {rows[value][0]:g} in "
-                        f"{rows[value][1]}. Remove one"
-                    )
-                rows[value] = level, f"line {reader.line_num}"
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise SurveyError(f"{option} {path}: {error}; {needed}") from error
-    if not rows:
-        raise SurveyError(f"{option} {path} has no rows; {needed}")
-    table = np.array([(value, level) for value, (level, _) in sorted(rows.items())])
-    marks = np.isin(np.abs(table[:, 1]), OFTEN_NO_DATA)
-    if (marks & (table[:, 1] < 0.0) & (table[:, 1] == table[0, 1])).all():
+        table = whole_table(path)
+        names = [re.sub(r"\W+", "_", name.lower()).strip("_") for name in table.dialect.header]
+        first = next((name for name in firsts if name in names), "")
+        if not first or second not in names:
+            raise SurveyError(
+                f"{option} {path} has the columns {', '.join(table.dialect.header) or 'none'}; needed is a CSV file "
+                f"with columns {' or '.join(firsts)}, {second}"
+            )
+        key = "date" if first == "time_utc" else first
+        columns = {role: Column(names.index(n), role, "", n, 0) for role, n in ((key, first), (second, second))}
+        table = dataclasses.replace(table, columns=columns)
+        values = table.read([key, second])
+        if key == "date":
+            values[key] = np.array([_utc_s(text) for text in values[key].tolist()])
+            table.check(np.isfinite(values[key]), key, "Write a time such as 2026-06-14T09:00:00Z")
+        table.check(~is_no_data(values[second]), second, "This is a common mark for missing data. Remove this line")
+        table.check((values[key] >= 0.0) | (key != "depth_m"), key, "Write depths positive down")
+    except TableError as error:
+        raise SurveyError(f"{option} {error}") from error
+    rows: dict[float, tuple[float, int]] = {}
+    for row, (value, level) in enumerate(zip(values[key].tolist(), values[second].tolist(), strict=True)):
+        if value in rows and rows[value][0] != level:
+            raise SurveyError(
+                f"{option} {table.where(row)}: {second} is {level:g} at the same {first} as in "
+                f"{table.where(rows[value][1])}, where it is {rows[value][0]:g}. Remove one"
+            )
+        rows[value] = level, row
+    found = np.array([(value, level) for value, (level, _) in sorted(rows.items())])
+    marks = np.isin(np.abs(found[:, 1]), OFTEN_NO_DATA)
+    if (marks & (found[:, 1] < 0.0) & (found[:, 1] == found[0, 1])).all():
         raise SurveyError(
-            f"{option} {path} has only levels of {table[0, 1]:g}, a common mark for missing data. Correct the table, "
-            f"or give a level that does not change as a number: --water-level {table[0, 1]:g}"
+            f"{option} {path} has only levels of {found[0, 1]:g}, a common mark for missing data. Correct the table, "
+            f"or give a level that does not change as a number: --water-level {found[0, 1]:g}"
         )
-    marks &= np.abs(table[:, 1] - np.median(table[~marks | marks.all(), 1])) > _APART
+    marks &= np.abs(found[:, 1] - np.median(found[~marks | marks.all(), 1])) > _APART
     if marks.any():
-        value, level = table[marks][0]
+        value, level = found[marks][0]
         raise SurveyError(
-            f"{option} {path}: {rows[value][1]}: {second} is {level:g}, far from the others and a common mark for "
+            f"{option} {table.where(rows[value][1])}: {second} is {level:g}, far from the others and a common mark for "
             "missing data. Remove this line"
         )
-    return table
+    return found
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    """The cells of a line of a table."""
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
-
-
-def _row(first_text: str, second_text: str, first: str, second: str, where: str, decimal: str) -> tuple[float, float]:
-    """The two numbers of a row; a time in UTC becomes seconds."""
-    numbers = [text.replace(decimal, ".") for text in (first_text, second_text)]
-    value = _utc_s(first_text) if first == "time_utc" else _number(numbers[0])
-    level = _number(numbers[1])
-    if value is None or level is None:
-        unclear, text = (first, first_text) if value is None else (second, second_text)
-        cure = "a time such as 2026-06-14T09:00:00Z" if unclear == "time_utc" else "a number"
-        raise SurveyError(f"{where}: {unclear} is {text!r}; write {cure}")
-    if is_no_data(level):
-        raise SurveyError(f"{where}: {second} is {level:g}, a common mark for missing data. Remove this line")
-    if first == "depth_m" and value < 0.0:
-        raise SurveyError(f"{where}: depth_m is {value:g} m; write depths positive down")
-    return value, level
-
-
-def _utc_s(text: str | None) -> float | None:
-    """Seconds since 1970 of an ISO 8601 time, UTC unless it names another zone."""
+def _utc_s(text: str) -> float:
+    """Seconds since 1970 of an ISO 8601 time, UTC unless it names another zone; NaN for another text."""
     try:
-        time = datetime.datetime.fromisoformat((text or "").strip().replace("Z", "+00:00"))
+        time = datetime.datetime.fromisoformat(text.strip().replace("Z", "+00:00"))
     except ValueError:
-        return None
+        return math.nan
     return (time if time.tzinfo else time.replace(tzinfo=datetime.UTC)).timestamp()

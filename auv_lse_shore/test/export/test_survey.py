@@ -224,28 +224,29 @@ def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, optio
         (
             "--water-level",
             "time_s,level_m\n0,1\n5,-9999\n9,1\n",
-            r":3: level_m is -9999, a common mark .* Remove this line",
+            r":3: level_m is '-9999'. This is a common mark .* Remove this line",
         ),
         (
             "--water-level",
             "time_utc,level_m\n14.06.2026 09:00,1\n",
-            r":2: time_utc is '14.06.2026 09:00'; write a time such",
+            r":2: time_utc is '14.06.2026 09:00'. Write a time such",
         ),
-        ("--water-level", 'time_s,level_m\n0,"1,5"\n', r":2: level_m is '1,5'; write a number"),
+        ("--water-level", "time_s,level_m\n0,high\n", r":2: level_m is 'high'. Write a finite number"),
+        ("--water-level", "time_s,level_m\n0,0,1\n9,0,2\n", r":2: 3 fields '0,0,1', but the header has 2"),
         (
             "--water-level",
             "time_s,level_m\n0,0.1\n9,0.2\n0,0.3\n",
-            r":4: level_m is 0\.3 at time_s 0, and 0\.1 in line 2\. Remove one",
+            r":4: level_m is 0\.3 at the same time_s as in .*:2, where it is 0\.1\. Remove one",
         ),
         (
             "--water-level",
             "time_s,level_m\n0,0.1\n5,-99\n9,0.2\n",
-            r": line 3: level_m is -99, far from the others and a common mark .* Remove this line",
+            r":3: level_m is -99, far from the others and a common mark .* Remove this line",
         ),
         (
             "--water-level",
             "time_s,level_m\n0,-99\n500,-99\n900,0.2\n",
-            r": line 2: level_m is -99, far from the others and a common mark .* Remove this line",
+            r":2: level_m is -99, far from the others and a common mark .* Remove this line",
         ),
         (
             "--water-level",
@@ -253,11 +254,11 @@ def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, optio
             r"table.csv has only levels of -99, a common mark .* as a number: --water-level -99",
         ),
         ("--water-level", "time_s,level_m\n0,-999.9\n", r"only levels of -999.9, a common mark"),
-        ("--water-level", "time_s,level_m\n", r"has no rows; needed is a CSV file with columns time_s or time_utc"),
+        ("--water-level", "time_s,level_m\n", r"table.csv has 1 line; write a header, then rows"),
         (
             "--sound-speed",
             "depth_m,sound_speed_mps\n-50,1440\n0,1480\n",
-            r":2: depth_m is -50 m; write depths positive down",
+            r":2: depth_m is '-50'. Write depths positive down",
         ),
     ],
 )
@@ -277,6 +278,7 @@ def test_tables_that_would_be_misread_are_refused(tmp_path, capsys, lake, option
         "time_s\tlevel_m\n0\t0.1\n5\t0.4\n9\t0.2\n",
         "\ufeff time_s, level_m\n0, 0.1\n5, 0.4\n9, 0.2\n",
         'time_s,level_m,"quality; source"\n0,0.1,good\n5,0.4,good\n9,0.2,good\n',
+        'time_s,Level (m)\n0,"0,1"\n5,"0,4"\n9,"0,2"\n',
         "time_s;level_m;\n0;0,1;\n5;0,4;\n9;0,2;\n;;\n;;\n",  # empty rows of a spreadsheet
     ],
 )
