@@ -16,7 +16,8 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.no_data import fill_values, is_no_data
-from auv_lse_gp.soundings_table import SoundingsError, SoundingsTable, read_table
+from auv_lse_gp.soundings_table import SoundingsTable, read_table
+from auv_lse_gp.tables.table_error import TableError
 
 #: If all positions are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong
 #: origin).
@@ -73,11 +74,11 @@ def read_soundings(path: Path) -> Array:
 
     Raises:
         OSError: if the file cannot be read.
-        SoundingsError: naming the file, the line and what was expected.
+        TableError: naming the file, the line and what was expected.
     """
     soundings, origin = read_soundings_and_origin(path)
     if origin is not None:
-        raise SoundingsError(
+        raise TableError(
             f"{path} has columns lat, lon; give north_m, east_m instead, in metres from the mission's origin"
         )
     return soundings
@@ -93,7 +94,7 @@ def read_soundings_and_origin(path: Path, notes: list[str] | None = None) -> tup
 
     Raises:
         OSError: if the file cannot be read.
-        SoundingsError: naming the file, the line and what was expected.
+        TableError: naming the file, the line and what was expected.
     """
     if path.suffix == ".npz":
         grid = read_npz_grid(path)
@@ -101,7 +102,7 @@ def read_soundings_and_origin(path: Path, notes: list[str] | None = None) -> tup
         known &= ~np.isin(grid.values, fill_values(grid.values[known]))
         rows, columns = np.nonzero(known)
         if len(rows) == 0:
-            raise SoundingsError(f"{path} holds no sounding")
+            raise TableError(f"{path} holds no sounding")
         depth = -grid.values[known] if grid.upward else grid.values[known]
         return np.column_stack([grid.north_m[rows], grid.east_m[columns], depth]), None
     table = read_table(path)
@@ -192,7 +193,7 @@ def _check_npz_size(path: Path) -> None:
                 )
                 shape, _, kind = header(member)
             if math.prod(shape) * kind.itemsize > 8 * MAX_GRID_NODES:
-                raise SoundingsError(
+                raise TableError(
                     f"{path}: {name.removesuffix('.npy')} has the shape {shape}, more than {MAX_GRID_NODES:,} "
                     "values. Cut the grid, or make it coarser"
                 )
@@ -203,36 +204,36 @@ def read_npz_grid(path: Path) -> NpzGrid:
 
     Raises:
         OSError: if the file cannot be opened.
-        SoundingsError: naming the file, the array and what was expected.
+        TableError: naming the file, the array and what was expected.
     """
     with path.open("rb") as file:
         try:
             _check_npz_size(path)
             data = np.load(file, allow_pickle=False)
             arrays = {key: np.asarray(data[key]) for key in data.files} if hasattr(data, "files") else None
-        except SoundingsError:
+        except TableError:
             raise
         except _BROKEN_NPZ as error:
-            raise SoundingsError(
+            raise TableError(
                 f"{path} is damaged or not npz ({str(error)[:80]}). It needs the arrays east_m, north_m, depth_m."
             ) from error
     if arrays is None:
-        raise SoundingsError(
+        raise TableError(
             f"{path} is a single array of shape {data.shape} (npy); save east_m, north_m, depth_m as an npz file "
             "(np.savez)"
         )
     depth_name = "depth_m" if "depth_m" in arrays else "elevation_m"
     for key in ("north_m", "east_m", depth_name):
         if key not in arrays:
-            raise SoundingsError(
+            raise TableError(
                 f"{path} has the arrays {', '.join(sorted(arrays)) or 'none'}; needed are east_m (nx,), north_m "
                 "(ny,), depth_m (ny, nx), optionally lat0, lon0, dist_to_sounding_m"
             )
         if arrays[key].dtype.kind not in "fiu":
-            raise SoundingsError(f"{path}: {key} holds {arrays[key].dtype}, not numbers")
+            raise TableError(f"{path}: {key} holds {arrays[key].dtype}, not numbers")
     north, east, values = (arrays.pop(key).astype(float) for key in ("north_m", "east_m", depth_name))
     if north.ndim != 1 or east.ndim != 1 or values.shape != (len(north), len(east)):
-        raise SoundingsError(
+        raise TableError(
             f"{path}: {depth_name} has the shape {values.shape}, north_m {north.shape}, east_m {east.shape}; "
             "they must be (ny, nx), (ny,) and (nx,)"
         )

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
-from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.plurals import counted
 from auv_lse_gp.no_data import fill_values, is_no_data
-from auv_lse_gp.tables.column_names import DEPTHS
+from auv_lse_gp.tables.column_names import ANGLES, DEPTHS
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_gp.tables.units import stated_units, unit_column
 from auv_lse_gp.tables.whole_table import WholeTable, whole_table
@@ -26,10 +25,6 @@ _NEEDED_COLUMNS = (
     "east_m,north_m,depth_m (or easting, northing) or lat,lon,depth_m (elevation_m instead of depth_m for values that "
     "are positive up)"
 )
-
-
-class SoundingsError(ValueError):
-    """An unusable file of soundings; names the file, the line or array, and what was expected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,30 +57,16 @@ def read_table(path: Path) -> SoundingsTable:
 
     Raises:
         OSError: if the file cannot be read.
-        SoundingsError: naming the file, the line, what was found and what was expected.
+        TableError: naming the file, the line, what was found and what was expected.
     """
-    if too_large := over_size(path, MAX_TEXT_BYTES):
-        raise SoundingsError(f"{too_large}. Thin the soundings out, or grid them (.npz, .asc, .tif)")
-    try:
-        table = whole_table(path)
-        if table.count > MAX_SOUNDINGS:
-            raise SoundingsError(
-                f"{path} has {table.count:,} soundings, more than {MAX_SOUNDINGS:,}. Thin them out, or grid them "
-                "(.npz, .asc, .tif)"
-            )
-        return _soundings(table)
-    except TableError as error:
-        raise SoundingsError(str(error)) from error
-
-
-def _soundings(table: WholeTable) -> SoundingsTable:
+    table = whole_table(path)
     columns = table.columns
-    degrees = [role for role in columns if role.startswith(("lat", "lon")) and {"lat", "lon"} <= columns.keys()]
+    degrees = [role for role in ANGLES if role in columns and {"lat", "lon"} <= columns.keys()]
     metres = next((pair for pair in (("north", "east"), ("y", "x")) if _has_metres(table, pair)), ())
     depth = next((role for role in DEPTHS if role in columns and (role != "z" or columns[role].unit)), "")
     if not depth or not (metres or degrees):
         shown = ", ".join(name[:40] for name in table.dialect.header[:30]) or "without a header"
-        raise SoundingsError(
+        raise TableError(
             f"{table.where(-1) if table.dialect.above else table.path}: the columns {shown} are not enough; needed are "
             f"{_NEEDED_COLUMNS}. auv_lse import makes such a table of many others"
         )
@@ -127,7 +108,7 @@ def _depths(table: WholeTable, role: str, units: list[str], values: dict[str, An
     unit = by_number[column.number]
     table.check(~np.isnan(stated), unit, "Write a unit of length, or convert the depths to metres (depth_m)")
     if not column.is_clear and (stated != 1.0).any():
-        raise SoundingsError(
+        raise TableError(
             f"{table.path}: the column {names[column.number]}, with {values[unit][stated != 1.0][0][:20]!r}, may state "
             f"the unit of another column than {depth.name}. Convert the depths to metres, and name their column depth_m"
         )
@@ -135,11 +116,11 @@ def _depths(table: WholeTable, role: str, units: list[str], values: dict[str, An
 
 
 def _check_marks(table: WholeTable, role: str, values: Array) -> None:
-    """Raises SoundingsError if some values (n,) mark missing data."""
+    """Raises TableError if some values (n,) mark missing data."""
     is_marked = is_no_data(values)
     marks = np.flatnonzero(is_marked | np.isin(values, fill_values(values[~is_marked])))
     if len(marks):
-        raise SoundingsError(
+        raise TableError(
             f"{table.where(marks[0])}: {table.columns[role].name} is {values[marks[0]]:g}, as on {len(marks):,} of "
             f"{counted(len(values), 'line')}: a common mark for missing data. Remove these lines"
         )

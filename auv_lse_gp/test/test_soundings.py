@@ -7,7 +7,8 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, OnlineGp, read_soundings
 from auv_lse_gp.soundings import local_positions, read_soundings_and_origin
-from auv_lse_gp.soundings_table import SoundingsError, read_table
+from auv_lse_gp.soundings_table import read_table
+from auv_lse_gp.tables.table_error import TableError
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
@@ -29,7 +30,7 @@ def test_units_may_be_in_brackets(tmp_path, names):
     path.write_text("lat,lon,Depth (ft)\n46.5,6.6,1.5\n")
     assert read_table(path).values == pytest.approx([1.5 * 0.3048])
     path.write_text("lat,lon,Depth (cubit)\n46.5,6.6,1.5\n")
-    with pytest.raises(SoundingsError, match=r"survey\.csv: column Depth \(cubit\) is in 'cubit', which is no unit"):
+    with pytest.raises(TableError, match=r"survey\.csv: column Depth \(cubit\) is in 'cubit', which is no unit"):
         read_table(path)
 
 
@@ -80,7 +81,7 @@ def test_hemispheres_may_be_in_columns_of_their_own(tmp_path, names):
     assert (table.lat_deg.tolist(), table.lon_deg.tolist()) == ([-16.8, -16.8], [-6.6, -6.6])
     assert table.notes == ()
     path.write_text(f"{names},depth_m\n16.8,S,6.6,W,10\n16.8,,6.6,W,10\n")
-    with pytest.raises(SoundingsError, match=r"survey\.csv:3: (N/S|lat_dir) is ''. Write N, S, E or W"):
+    with pytest.raises(TableError, match=r"survey\.csv:3: (N/S|lat_dir) is ''. Write N, S, E or W"):
         read_table(path)
 
 
@@ -103,7 +104,7 @@ def test_files_other_than_npz_are_named(tmp_path, data):
 def test_letters_of_windows_are_read_and_shown(tmp_path):
     path = tmp_path / "bad.csv"
     path.write_bytes("north_m,east_m,depth_m\n1,2,3 # Tiefe gemäß Lot\n".encode("latin-1"))
-    with pytest.raises(SoundingsError, match=r"bad\.csv:2: depth_m is '3 # Tiefe gemäß Lot'"):
+    with pytest.raises(TableError, match=r"bad\.csv:2: depth_m is '3 # Tiefe gemäß Lot'"):
         read_soundings(path)
     path.write_bytes("# gemäß Lot\nnorth_m,east_m,depth_m\n1,2,3\n".encode("latin-1"))
     assert read_soundings(path).tolist() == [[1.0, 2.0, 3.0]]
@@ -119,7 +120,7 @@ def test_tables_are_read_in_the_encodings_of_spreadsheets(tmp_path, encoding):
 def test_zeros_of_a_damaged_disk_are_no_digits_left_out(tmp_path):
     path = tmp_path / "soundings.csv"
     path.write_bytes(b"north_m,east_m,depth_m\n1,2,1\0\0\n")
-    with pytest.raises(SoundingsError, match=r"soundings\.csv:2: depth_m is"):
+    with pytest.raises(TableError, match=r"soundings\.csv:2: depth_m is"):
         read_soundings(path)
 
 
@@ -201,7 +202,7 @@ def test_marks_for_missing_data_are_rejected_in_tables_and_ignored_in_grids(tmp_
     path = tmp_path / "s.csv"
     path.write_text("north_m,east_m,depth_m\n1,2,3\n1,2,-9999\n")
     with pytest.raises(
-        SoundingsError, match=r"s\.csv:3: depth_m is -9999, as on 1 of 2 lines: a common mark for missing data"
+        TableError, match=r"s\.csv:3: depth_m is -9999, as on 1 of 2 lines: a common mark for missing data"
     ):
         read_soundings(path)
     np.savez(tmp_path / "g.npz", north_m=[0.0, 10.0], east_m=[0.0], elevation_m=[[-9999.0], [-4.0]])
@@ -252,7 +253,7 @@ def test_a_column_of_other_units_changes_no_depth(tmp_path, names, row):
 def test_a_number_has_no_underscore(tmp_path, number):
     path = tmp_path / "s.csv"
     path.write_text(f"{HEADER},depth\n1,2,{number}\n")
-    with pytest.raises(SoundingsError, match=rf"s\.csv:2: depth is '{number}'"):
+    with pytest.raises(TableError, match=rf"s\.csv:2: depth is '{number}'"):
         read_soundings(path)
 
 
@@ -271,7 +272,7 @@ def test_a_number_has_no_underscore(tmp_path, number):
 def test_units_that_are_not_clear_are_refused(tmp_path, names, rows, message):
     path = tmp_path / "s.csv"
     path.write_text(f"{HEADER},{names}\n" + "".join(f"1,2,{row}\n" for row in rows))
-    with pytest.raises(SoundingsError, match=message + ".*metres"):
+    with pytest.raises(TableError, match=message + ".*metres"):
         read_soundings(path)
 
 
@@ -325,7 +326,7 @@ def test_notations_that_import_reads_are_read_everywhere(tmp_path, header, row):
 def test_a_row_that_is_not_understood_is_refused_by_its_line(tmp_path, rows, message):
     path = tmp_path / "s.csv"
     path.write_text("\n".join(rows), encoding="utf-8")
-    with pytest.raises(SoundingsError, match=message):
+    with pytest.raises(TableError, match=message):
         read_table(path)
 
 

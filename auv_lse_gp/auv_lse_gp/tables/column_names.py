@@ -123,6 +123,8 @@ ROLES: dict[str, tuple[str, ...]] = {
     "y": ("y", "ycoord", "ycoordinate", "pointy", "coordy"),
     "z": ("z", "zcoord", "value", "zvalue"),
 }  # fmt: skip
+#: Roles of columns that make latitudes and longitudes.
+ANGLES = tuple(f"{angle}{part}" for angle in ("lat", "lon") for part in ("", "_min", "_sec", "_side"))
 #: Roles of columns that depths are read from, the best first.
 DEPTHS = ("depth", "elevation", "z")
 _BY_NAME = {name: role for role, names in ROLES.items() for name in names}

@@ -1,5 +1,5 @@
-"""The error of a table that cannot be read."""
+"""The error of a table or grid that cannot be read."""
 
 
 class TableError(ValueError):
-    """A table that cannot be read; names the file, what is wrong with it, and the cure."""
+    """An unusable table or grid of numbers; names the file, the line or array, what is wrong, and the cure."""

@@ -52,22 +52,15 @@ def read_values(
             unit_is_stated = has_unit or bool(column.unit.strip("- "))
             is_text = role.startswith(TEXT_ROLES)
             parts[role].append(
-                np.array(cells) if is_text else values_of(path, role, cells, dialect.decimal_comma, unit_is_stated)
+                np.array(cells) if is_text else _values_of(path, role, cells, dialect.decimal_comma, unit_is_stated)
             )
         read += len(piece[0])
         progress(min(read / lines, 1.0))
     return {role: np.concatenate(arrays) if arrays else np.empty(0) for role, arrays in parts.items()}
 
 
-def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool, has_unit: bool = False) -> Array:
-    """Numbers of cells; angles may have hemispheres, minutes and seconds, depths "m" behind them.
-
-    Args:
-        has_unit: Whether the unit of the cells is stated elsewhere: then one behind a depth may contradict it.
-
-    Raises:
-        TableError: if a hemisphere is not clear, or what separates the digits of a length.
-    """
+def _values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool, has_unit: bool) -> Array:
+    """Numbers of cells; angles may have hemispheres, minutes and seconds, depths "m" behind them."""
     numbers = numbers_of(cells, decimal_comma)
     if role in DEPTHS and not has_unit and np.isnan(numbers).any():
         cells = [_METRES.sub("", cell) for cell in cells]

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from auv_lse_common.support.arrays import Array, Mask
+from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.plurals import counted, listed
 from auv_lse_common.support.text import decoded
 from auv_lse_gp.tables.angles import PACKED, degrees_of
@@ -134,9 +135,11 @@ def whole_table(path: Path) -> WholeTable:
     """The table in a text file.
 
     Raises:
-        TableError: if it has no columns or no rows, or a line is longer than any of a table.
+        TableError: if it has no columns or no rows, too many of them, or a line that is longer than any of a table.
         OSError: if it cannot be read.
     """
+    if too_large := over_size(path, MAX_TEXT_BYTES):
+        raise TableError(f"{too_large}. Thin it out, or make a grid of it (.npz, .asc, .tif)")
     text = decoded(path.read_bytes()).replace("\u2212", "-")  # a typographic minus
     lines, comments = 0, list[int]()
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
@@ -149,6 +152,11 @@ def whole_table(path: Path) -> WholeTable:
             lines += 1
         elif line.strip(",;|\t \r\n") and not line.lstrip().startswith(("#", "sep=")):
             comments.append(number)
+    if lines > MAX_SOUNDINGS + 1:
+        raise TableError(
+            f"{path} has {lines:,} lines, more than {MAX_SOUNDINGS:,}. Thin it out, or make a grid of it (.npz, .asc, "
+            ".tif)"
+        )
     dialect = dialect_of(text[:SAMPLE_LETTERS])
     if dialect is None or lines == dialect.above:
         raise TableError(

@@ -18,7 +18,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.support.input_bounds import MAX_CORNERS, MAX_SOUNDINGS, MAX_TEXT_BYTES, MAX_YAML_BYTES
 from auv_lse_gp.soundings import read_soundings
-from auv_lse_gp.soundings_table import SoundingsError
+from auv_lse_gp.tables.table_error import TableError
 from auv_lse_record.recording import Recording, RecordingError
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
@@ -104,18 +104,18 @@ def test_a_field_of_200_kB_is_refused(tmp_path: Path, separator: str) -> None:
     file = tmp_path / "s.csv"
     file.write_text(f"east_m{separator}north_m{separator}depth_m\n1{separator}2{separator}{'3' * 200_000}\n")
     with pytest.raises(
-        SoundingsError, match=r"s\.csv:2: '1.{1,2}2.{1,2}333.* cannot be read as a row: it has more than 20,000 letters"
+        TableError, match=r"s\.csv:2: '1.{1,2}2.{1,2}333.* cannot be read as a row: it has more than 20,000 letters"
     ):
         read_soundings(file)
     file.write_text(f"east_m{separator}{'x' * 200_000}\n1{separator}2\n")
-    with pytest.raises(SoundingsError, match=r"s\.csv:1: 'east_m"):
+    with pytest.raises(TableError, match=r"s\.csv:1: 'east_m"):
         read_soundings(file)
 
 
 def test_too_many_soundings_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "s.csv"
     file.write_text("east_m,north_m,depth_m\n" + "1,2,3\n" * (MAX_SOUNDINGS + 1))
-    with pytest.raises(GroundError, match=r"s\.csv has 500,001 soundings, more than 500,000\. Thin them out"):
+    with pytest.raises(GroundError, match=r"s\.csv has 500,002 lines, more than 500,000\. Thin it out"):
         load_ground(file)
     with pytest.raises(GroundError, match=r"s\.txt is too large: 1,000 MB, at most 500 MB are read"):
         load_ground(sparse(tmp_path / "s.txt", 2 * MAX_TEXT_BYTES))

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_gp.soundings_table import SoundingsError
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
 from auv_lse_sim.ground.gdal_ground import Corners, is_raster_file, read_gdal_ground
@@ -66,7 +65,7 @@ def load_ground(
         origin = checked_origin(*origin, where=f"{path}: area.origin_lat_deg, origin_lon_deg")
     try:
         return reader(path, config, origin) if reader is not read_gdal_ground else reader(path, config, origin, around)
-    except (SoundingsError, TableError) as error:
+    except TableError as error:
         raise GroundError(str(error)) from error
     except OSError as error:
         raise GroundError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -20,7 +20,7 @@ def read_npz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, f
 
     Raises:
         GroundError: naming the array and what was expected.
-        SoundingsError: if it is not an npz grid.
+        TableError: if it is not an npz grid.
     """
     grid = read_npz_grid(path)
     depth, notes = grid_depths(grid.values, path, grid.depth_name, grid.upward, config)

@@ -30,7 +30,7 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
 
     Raises:
         GroundError: naming the line or the columns, and what was expected.
-        SoundingsError: if it is not a table of soundings.
+        TableError: if it is not a table of soundings.
     """
     table = read_table(path)
     column, where = table.depth_name, table.file.where

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.text import decoded
 from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 from auv_lse_gp.no_data import is_no_data
@@ -64,14 +63,10 @@ def read_xyz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, f
     Metres far from 0 (projected ones) count from their middle.
 
     Raises:
-        GroundError: if there are too many points, or none with a depth, or they are far from the origin.
+        GroundError: if no point has a depth, or they are far from the origin.
         TableError: naming the line that cannot be read.
     """
-    if too_large := over_size(path, MAX_TEXT_BYTES):
-        raise GroundError(f"{too_large}. Cut the grid, or make it coarser")
     table = whole_table(path)
-    if table.count > MAX_SOUNDINGS:
-        raise GroundError(f"{path} has more than {MAX_SOUNDINGS:,} points. Thin them out, or grid them (.tif)")
     table = dataclasses.replace(table, columns=_columns(table.dialect))
     values = table.read(_ROLES, may_be_nan="z")
     x, y, z = (values[role] for role in _ROLES)
