@@ -10,7 +10,6 @@ from auv_lse_sim.ground.grid_ground import GridGround, checked_origin
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.npz_ground import read_npz_ground
 from auv_lse_sim.ground.soundings_ground import read_soundings_ground
-from auv_lse_sim.ground.xyz_ground import is_xyz, read_xyz_ground
 
 _VECTORS = (".shp", ".gpkg", ".geojson", ".geojsonl", ".json", ".kml", ".kmz", ".gml", ".gpx", ".dxf", ".fgb")
 _SPREADSHEETS = (".xls", ".xlsx", ".xlsm", ".ods", ".numbers")
@@ -58,7 +57,6 @@ def load_ground(
         reader = read_gdal_ground
     else:
         _refuse_other(path, begin)
-        reader = read_xyz_ground if reader is read_soundings_ground and is_xyz(path) else reader
     if reader is None:
         raise GroundError(f"{path}: files ending in {path.suffix!r} cannot be read; use one of {', '.join(kinds)}")
     if origin is not None:

@@ -1,5 +1,6 @@
-"""Ground from a table of scattered soundings, which it grids."""
+"""Ground from a table of scattered soundings, or from XYZ text, which it grids."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +15,11 @@ from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
+from auv_lse_common.vocabulary.frames import unwrapped_deg
 from auv_lse_gp.soundings import FAR_M, is_far, local_positions
-from auv_lse_gp.soundings_table import read_table
-from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, upside_down
+from auv_lse_gp.soundings_table import SoundingsTable, read_table
+from auv_lse_sim.ground.band_meaning import text_says_up
+from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near, ranges
@@ -32,7 +35,9 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
         GroundError: naming the line or the columns, and what was expected.
         TableError: if it is not a table of soundings.
     """
-    table = read_table(path)
+    table = read_table(path, may_be_xyz=True)
+    if table.is_xyz:
+        return _xyz_ground(path, table, config, origin)
     column, where = table.depth_name, table.file.where
     depth, sign_note = depths_of(table.values, path, column, table.upward, config)
     negative = np.flatnonzero(depth < 0.0)
@@ -60,13 +65,44 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
             "may be projected (UTM). Give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
             f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
         )
-    check_together(where, north, east)
+    _check_together(where, north, east)
     return grid_soundings(
         north, east, depth, config, name=path.name, origin=locations.origin, notes=(notes_on_depth, *locations.notes)
     )
 
 
-def check_together(where: Callable[[int], str], north: Array, east: Array) -> None:
+def _xyz_ground(
+    path: Path, table: SoundingsTable, config: BathymetryConfig, origin: tuple[float, float] | None
+) -> GridGround:
+    """Ground from XYZ text; x, y are longitude, latitude if they can be, else metres, which count from their middle."""
+    assert table.north_m is not None
+    assert table.east_m is not None
+    unknown = np.isnan(table.values)
+    up = text_says_up(path.stem) if table.upward is None else table.upward
+    depth, notes = grid_depths(table.values[~unknown], path, table.depth_name, up, config)
+    notes += [f"{int(unknown.sum())} points without a value left out"] * bool(unknown.any())
+    notes += table.notes
+    kept = np.flatnonzero(~unknown)[np.isfinite(depth)]
+    north, east, depth = table.north_m[kept], table.east_m[kept], depth[np.isfinite(depth)]
+    if not len(depth):
+        raise GroundError(f"{path} has no point with a depth")
+    is_geodetic = bool((np.abs(east) <= 360.0).all() and (np.abs(north) <= 90.0).all() and np.ptp(north) < 10.0)
+    if is_geodetic and np.ptp(unwrapped_deg(east)) < 10.0:
+        degrees = dataclasses.replace(table, north_m=None, east_m=None, lat_deg=north, lon_deg=unwrapped_deg(east))
+        locations = local_positions(degrees, origin)
+        assert locations.origin is not None
+        check_near(path, locations.north_m, locations.east_m, north, unwrapped_deg(east), locations.origin)
+        north, east, origin = locations.north_m, locations.east_m, locations.origin
+        notes.append("x, y taken as longitude, latitude")
+    elif is_far(north, east):
+        middle = float(np.median(east)), float(np.median(north))
+        north, east, origin = north - middle[1], east - middle[0], None
+        notes.append(f"no projection given: local origin put at its {middle[0]:.1f}, {middle[1]:.1f}")
+    _check_together(lambda k: table.file.where(kept[k]), north, east)
+    return grid_soundings(north, east, depth, config, name=path.name, origin=origin, notes=tuple(notes))
+
+
+def _check_together(where: Callable[[int], str], north: Array, east: Array) -> None:
     """Checks that no sounding lies absurdly far from the others.
 
     Args:
