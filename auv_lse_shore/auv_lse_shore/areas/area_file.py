@@ -9,6 +9,7 @@ from auv_lse_common.support.input_bounds import over_size
 from auv_lse_common.support.plurals import counted, listed
 from auv_lse_common.support.text import decoded
 from auv_lse_common.support.user_error import brief
+from auv_lse_shore.areas.corner_table import corner_table_features
 from auv_lse_shore.areas.features import Feature
 from auv_lse_shore.areas.gdal_layers import gdal_features, zipped_features
 from auv_lse_shore.areas.geojson import geojson_features, json_of
@@ -18,7 +19,10 @@ from auv_lse_shore.areas.plans import corner_list_features, qgc_features, waypoi
 from auv_lse_shore.areas.roles import content_of
 from auv_lse_shore.areas.xml_tree import read_xml
 
-KINDS = "GeoJSON, KML, KMZ, GPX, GeoPackage, shapefile, a QGroundControl plan, or a fence or polygon of Mission Planner"
+KINDS = (
+    "GeoJSON, KML, KMZ, GPX, GeoPackage, shapefile, a QGroundControl plan, a fence or polygon of Mission Planner, or a "
+    "table of corners with columns lat and lon"
+)
 #: Largest size of an area file.
 MAX_BYTES = 20_000_000
 _GDAL = {b"SQLite format 3\0": "GeoPackage", b"\x00\x00\x27\x0a": "shapefile"}
@@ -97,6 +101,8 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
         return waypoint_features(text.lstrip(), where)
     if path.suffix.lower() in _CORNER_LISTS:
         return corner_list_features(text, where, path.suffix.lower())
+    if table := corner_table_features(path):
+        return iter(table)
     what = "is empty" if not data.strip() else f"is not a known kind of area file ({path.suffix or 'no suffix'})"
     raise ParameterError(f"{where} {what}. Save the area as {KINDS}")
 

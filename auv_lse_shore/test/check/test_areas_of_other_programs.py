@@ -553,3 +553,59 @@ def test_every_ring_is_used_or_named(tmp_path):
             holes = [text for text in content.ignored if text.startswith("hole ")]
             assert len(holes) == len(content.ignored)
             assert counts[name] == 1 + len(content.no_go) + len(content.shores) + len(holes)
+
+
+def dms(degrees):
+    return f"{int(degrees)}°{60.0 * (degrees % 1.0):.5f}'"
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("lat,lon", "{lat},{lon}"),
+        ("Longitude;Latitude", "{lon_comma};{lat_comma}"),
+        ("", "{lat_dms}N,{lon_dms}E"),
+        ("# corners of the lake", "E {lon}; N {lat}"),
+        ("Point\tLatitude\tLongitude", "{number}\t{lat_dms}N\t{lon_dms}E"),
+    ],
+)
+def test_a_table_of_corners_is_the_area(tmp_path, header, row):
+    rows = [
+        row.format(
+            number=number,
+            lat=lat,
+            lon=lon,
+            lat_comma=str(lat).replace(".", ","),
+            lon_comma=str(lon).replace(".", ","),
+            lat_dms=dms(lat),
+            lon_dms=dms(lon),
+        )
+        for number, (lon, lat) in enumerate(LAKE, 1)
+    ]
+    (tmp_path / "corners.csv").write_text("\n".join([header, *rows, ""]))
+    found = read_area(tmp_path / "corners.csv")
+    assert found.area == pytest.approx(AREA, abs=1e-6)
+    assert found.ignored == (["column Point"] if "Point" in header else [])
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("lat,lon,depth\n47.3,8.5,3\n47.3,8.6,3\n47.4,8.6,4\n", r"table of soundings \(column depth\)"),
+        ("lat,lon\n47.3,8.5\n47.3,east\n47.4,8.6\n", r"table\.csv:3: lon is 'east'"),
+        ("lat,lon\n47.3,O 8.5\n47.3,O 8.6\n47.4,O 8.6\n", "east in German and west in French"),
+        (
+            "area,lat,lon\n" + "".join(f"{n},47.{3 + n}{i % 2},8.{5 + i // 2}\n" for n in (1, 2) for i in range(3)),
+            "column area tells 2 areas apart",
+        ),
+        ("east,north\n1,2\n3,4\n5,7\n", "not a known kind of area file"),
+        ("47.3 8.5\n47.3 8.6\n47.4 8.6\n", "a table of corners with columns lat and lon"),
+        ("47.3N 8.5E\n8.6E 47.3N\n47.4N 8.6E\n", "a table of corners with columns lat and lon"),
+        ("lat,lon\n47.3,8.5\n47.3,8.6\n", r"table\.csv has 2 corners\. Write at least three"),
+        ("lat,lon\n47.3,8.5\n47.3\n47.4,8.6\n", r"table\.csv:3: 1 field '47\.3', but the header has 2"),
+    ],
+)
+def test_a_table_that_is_no_list_of_corners_is_refused(tmp_path, text, problem):
+    (tmp_path / "table.csv").write_text(text)
+    with pytest.raises(ParameterError, match=problem):
+        read_area(tmp_path / "table.csv")
