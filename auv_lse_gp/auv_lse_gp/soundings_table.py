@@ -115,7 +115,10 @@ def _soundings(table: WholeTable) -> SoundingsTable:
     units = [] if columns[depth].unit.strip("- ") else [role for role in columns if role.startswith("depth_unit")]
     read = [*degrees, *metres, depth, *units]
     values, notes = table.read(read), list[str]()
-    _check_marks(table, depth, values[depth])
+    is_marked = is_no_data(values[depth])
+    is_marked |= np.isin(values[depth], fill_values(values[depth][~is_marked]))
+    marks = f"This is a common mark for missing data, as on {is_marked.sum():,} of {counted(table.count, 'line')}"
+    table.check(~is_marked, depth, f"{marks}. Remove these lines")
     depth_m, by = _depths(table, depth, units, values)
     positions: dict[str, Any] = {}
     if degrees:
@@ -155,14 +158,3 @@ def _depths(table: WholeTable, role: str, units: list[str], values: dict[str, An
             f"the unit of another column than {depth.name}. Convert the depths to metres, and name their column depth_m"
         )
     return values[role] * stated, [unit]
-
-
-def _check_marks(table: WholeTable, role: str, values: Array) -> None:
-    """Raises TableError if some values (n,) mark missing data."""
-    is_marked = is_no_data(values)
-    marks = np.flatnonzero(is_marked | np.isin(values, fill_values(values[~is_marked])))
-    if len(marks):
-        raise TableError(
-            f"{table.where(marks[0])}: {table.columns[role].name} is {values[marks[0]]:g}, as on {len(marks):,} of "
-            f"{counted(len(values), 'line')}: a common mark for missing data. Remove these lines"
-        )

@@ -202,7 +202,7 @@ def test_marks_for_missing_data_are_rejected_in_tables_and_ignored_in_grids(tmp_
     path = tmp_path / "s.csv"
     path.write_text("north_m,east_m,depth_m\n1,2,3\n1,2,-9999\n")
     with pytest.raises(
-        TableError, match=r"s\.csv:3: depth_m is -9999, as on 1 of 2 lines: a common mark for missing data"
+        TableError, match=r"s\.csv:3: depth_m is '-9999'\. This is a common mark for missing data, as on 1 of 2 lines"
     ):
         read_soundings(path)
     np.savez(tmp_path / "g.npz", north_m=[0.0, 10.0], east_m=[0.0], elevation_m=[[-9999.0], [-4.0]])

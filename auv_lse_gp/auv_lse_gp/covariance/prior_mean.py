@@ -11,7 +11,6 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.user_error import error_text
-from auv_lse_gp.soundings import read_soundings
 
 #: Depth (P,) in metres at locations (P, 2).
 PriorMean = Callable[[Array], Array]
@@ -30,6 +29,8 @@ def prior_mean(config: GpConfig) -> PriorMean:
     if config.mean == "plane":
         slope = np.array([config.mean_slope_north, config.mean_slope_east])
         return lambda locations_m: np.asarray(config.mean_depth_m + locations_m @ slope)
+    from auv_lse_gp.soundings import read_soundings  # few vehicles need the parser of tables
+
     try:
         soundings = read_soundings(Path(config.survey_file))
     except (OSError, ValueError) as error:

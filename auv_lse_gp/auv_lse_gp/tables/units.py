@@ -4,7 +4,7 @@ import functools
 import math
 import re
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +80,7 @@ def is_unit_name(name: str) -> bool:
     return re.sub(r"[^a-z\d]", "", name.lower()) in UNIT_NAMES
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnitColumn:
+class UnitColumn(NamedTuple):
     """The column of a table that states the unit of its depths.
 
     Attributes:

@@ -5,7 +5,7 @@ import io
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -112,19 +112,14 @@ class WholeTable:
                 f"{self.path}: column {column.name} is in {column.unit!r}, which is no unit of length. Convert it to "
                 "metres, and write (m) behind its name"
             )
-        lengths: Array = values[role] * factor
-        return lengths
+        return np.asarray(values[role] * factor)
 
     def check(self, is_good: Mask, role: str, cure: str) -> None:
-        """Raises TableError for the first row (n,) that is not good, showing its cell."""
+        """Raises TableError for the first row (n,) that is not good, showing its line and its cell."""
         for row in np.flatnonzero(~is_good)[:1].tolist():
-            self.refuse(row, self.columns[role], cure)
-
-    def refuse(self, row: int, column: Column, cure: str) -> NoReturn:
-        """Raises TableError for a row; shows its line and its cell in a column."""
-        number, line = line_of(self.text, self.dialect, row)
-        cell = next(fields_of([line.rstrip("\r\n")], self.dialect.delimiter))[column.number].strip()
-        raise TableError(f"{self.path}:{number}: {column.name} is {cell[:40]!r}. {cure}.")
+            number, line = line_of(self.text, self.dialect, row)
+            column, cells = self.columns[role], next(fields_of([line.rstrip("\r\n")], self.dialect.delimiter))
+            raise TableError(f"{self.path}:{number}: {column.name} is {cells[column.number].strip()[:40]!r}. {cure}.")
 
     def where(self, row: int) -> str:
         """The file and the line of a row."""

@@ -213,15 +213,15 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
         table.check((values[key] >= 0.0) | (key != "depth_m"), key, "Write depths positive down")
     except TableError as error:
         raise SurveyError(f"{option} {error}") from error
-    rows: dict[float, tuple[float, int]] = {}
-    for row, (value, level) in enumerate(zip(values[key].tolist(), values[second].tolist(), strict=True)):
-        if value in rows and rows[value][0] != level:
-            raise SurveyError(
-                f"{option} {table.where(row)}: {second} is {level:g} at the same {first} as in "
-                f"{table.where(rows[value][1])}, where it is {rows[value][0]:g}. Remove one"
-            )
-        rows[value] = level, row
-    found = np.array([(value, level) for value, (level, _) in sorted(rows.items())])
+    order = np.argsort(values[key], kind="stable")
+    found: Array = np.column_stack([values[key], values[second]])[order]
+    repeats = np.diff(found[:, 0]) == 0.0
+    for row in np.flatnonzero(repeats & (np.diff(found[:, 1]) != 0.0))[:1].tolist():
+        raise SurveyError(
+            f"{option} {table.where(order[row + 1])}: {second} is {found[row + 1, 1]:g} at the same {first} as in "
+            f"{table.where(order[row])}, where it is {found[row, 1]:g}. Remove one"
+        )
+    found, order = found[np.append(True, ~repeats)], order[np.append(True, ~repeats)]
     marks = np.isin(np.abs(found[:, 1]), OFTEN_NO_DATA)
     if (marks & (found[:, 1] < 0.0) & (found[:, 1] == found[0, 1])).all():
         raise SurveyError(
@@ -230,10 +230,9 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
         )
     marks &= np.abs(found[:, 1] - np.median(found[~marks | marks.all(), 1])) > _APART
     if marks.any():
-        value, level = found[marks][0]
         raise SurveyError(
-            f"{option} {table.where(rows[value][1])}: {second} is {level:g}, far from the others and a common mark for "
-            "missing data. Remove this line"
+            f"{option} {table.where(order[marks][0])}: {second} is {found[marks][0, 1]:g}, far from the others and a "
+            "common mark for missing data. Remove this line"
         )
     return found
 
