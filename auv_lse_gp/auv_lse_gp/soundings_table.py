@@ -107,10 +107,11 @@ def _soundings(table: WholeTable) -> SoundingsTable:
     metres = next((pair for pair in (("north", "east"), ("y", "x")) if _has_metres(table, pair)), ())
     depth = next((role for role in DEPTHS if role in columns and (role != "z" or columns[role].unit)), "")
     if not depth or not (metres or degrees):
-        shown = ", ".join(name[:40] for name in table.dialect.header[:30]) or "without a header"
+        shown = ", ".join(name[:40] for name in table.dialect.header[:30])
+        what = f"the columns {shown} are not enough" if shown else "there is no header"
         raise TableError(
-            f"{table.where(-1) if table.dialect.above else table.path}: the columns {shown} are not enough; needed are "
-            f"{_NEEDED_COLUMNS}. auv_lse import makes such a table of many others"
+            f"{table.where(-1) if table.dialect.above else table.path}: {what}; needed are {_NEEDED_COLUMNS}. auv_lse "
+            "import makes such a table of many others"
         )
     units = [] if columns[depth].unit.strip("- ") else [role for role in columns if role.startswith("depth_unit")]
     read = [*degrees, *metres, depth, *units]

@@ -320,7 +320,7 @@ def test_notations_that_import_reads_are_read_everywhere(tmp_path, header, row):
         (["north_m,east_m,depth_m", "1,2,3", "north_m,east_m,depth_m", "1,2,3"], r"s\.csv:3: north_m is 'north_m'"),
         (["north_m\teast_m\tdepth_m", "1\t2\t3", "1\t2\t"], r"s\.csv:3: depth_m is ''"),
         (["x,y,depth_m", "1,2,3"], r"s\.csv:1: the columns x, y, depth_m are not enough"),
-        (["1,2,3", "1,2,3"], r"s\.csv: the columns without a header are not enough"),
+        (["1,2,3", "1,2,3"], r"s\.csv: there is no header; needed are east_m"),
     ],
 )
 def test_a_row_that_is_not_understood_is_refused_by_its_line(tmp_path, rows, message):
