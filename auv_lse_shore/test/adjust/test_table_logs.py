@@ -381,6 +381,19 @@ def test_projected_metres_ask_for_their_system(tmp_path):
     checked(gathered(tmp_path, "easting,northing,depth,epoch\n" + body, "--crs", "EPSG:32632"))
 
 
+@pytest.mark.parametrize("names", ["x_m,y_m", "x,y"])
+def test_fine_metres_near_the_origin_are_no_degrees(tmp_path, names):
+    rows = [(100.0 + t, 10.1234 + 0.5123 * t, 5.4321 + 0.2718 * t, 8.0 + 0.1 * t) for t in range(60)]
+    path = tmp_path / "table.csv"
+    path.write_text(f"elapsed,{names},depth\n" + "\n".join(f"{t:g},{x:.4f},{y:.4f},{d:.2f}" for t, x, y, d in rows))
+    options = parser().parse_args([str(path)])
+    log = gather(options.logs, user_facts(options))
+    (soundings,) = [placed.soundings for placed in log.placed]
+    assert len(soundings) == 60
+    assert np.ptp(soundings[:, 2]) == pytest.approx(59 * 0.5123, rel=0.01)
+    assert ("taken as metres" in " ".join(log.lines)) == (names == "x,y")
+
+
 def test_local_times_are_asked_about(tmp_path):
     data = lines("lat,lon,depth,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t + 7200)}")
     found = gathered(tmp_path, data)

@@ -32,6 +32,8 @@ _SAME_UNIT = 1e-5
 _DEGREE_M = 111_000.0
 #: Metres farther from 0 than this (m) are no local coordinates.
 _FAR_M = 100_000.0
+#: Columns x, y whose quartiles are farther apart than this (deg) hold no degrees.
+_WIDE_DEG = 2.0
 #: An altitude that stays below this (m) may be above the bottom.
 _LOW_M = 100.0
 #: Share of the depths' changes that remains in their difference from heights that follow them.
@@ -238,10 +240,13 @@ def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple
             positions = _in_units_of(table, (north, east), positions, crs.axis_info[0].unit_conversion_factor)
         lon, lat = turn.transform(positions[:, 1], positions[:, 0])
         return np.column_stack([lat, lon]), True
-    if north == "y" and len(known) and np.abs(known[:, 0]).max() <= 90.0 and np.abs(known[:, 1]).max() <= 180.0:
+    is_length = any(factor_of(table.columns[name].unit) for name in (north, east))
+    if north == "y" and not is_length and len(known) and (np.abs(known).max(axis=0) <= (90.0, 180.0)).all():
         fine = (np.round(known, 3) != known).mean() > 0.5
-        if fine:
+        if fine and np.ptp(np.percentile(known, (25, 75), axis=0), axis=0).max() < _WIDE_DEG:
             return positions, True
+        if fine:
+            content.notes.append("x, y taken as metres: as degrees they would be hundreds of kilometres apart")
     positions, known = (_in_units_of(table, (north, east), rows, 1.0) for rows in (positions, known))
     if len(known) and np.abs(np.median(known, axis=0)).max() > _FAR_M:
         middle = np.median(known, axis=0)
