@@ -34,7 +34,7 @@ class Summary:
     quality_asked: str | None = figure("", "mission.until in words")
     quality_reached: bool = figure("", "whether it ended with that quality")
     isobath_found_m: float = figure(
-        "m", "length of the estimated isobath that is found: within 20 m of the true one with 95 % certainty"
+        "m", "length of the estimated isobath that is found: within 20 m with 95 % certainty"
     )
     isobath_likely_m: float = figure("m", "length that is likely")
     isobath_guessed_m: float = figure("m", "length that is guessed: the data hardly support it")
@@ -93,8 +93,8 @@ class Summary:
     )
     reliability_cells: tuple[float, ...] | None = figure(
         "",
-        "locations in each class of P(deep enough), the probability of being at least the level deep, with the limits "
-        "0, 0.01, 0.05, 0.1, 0.2, ... 0.9, 0.95, 0.99 and 1",
+        "locations in each class of P(deep enough), the probability of being at least the level deep: tenths, finer "
+        "at both ends",
     )
     reliability_expected: tuple[float, ...] | None = figure("", "expected number of safe locations in each class")
     reliability_safe: tuple[float, ...] | None = figure("", "actual number of safe locations in each class")
