@@ -35,8 +35,9 @@ def qgc_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
     for number, entry in enumerate(fence.get("circles") or (), 1):
         circle = entry["circle"]
         latitude, longitude = (float(v) for v in circle["center"][:2])
-        ring = _circle(latitude, longitude, float(circle["radius"]), f"{where}: fence circle {number}")
-        yield _fence(f"circle {number}", bool(entry.get("inclusion", True)), ring)
+        inside = bool(entry.get("inclusion", True))
+        ring = _circle(latitude, longitude, float(circle["radius"]), f"{where}: fence circle {number}", inside)
+        yield _fence(f"circle {number}", inside, ring)
     if fence.get("breachReturn"):
         yield Feature("breach return point")
     for number, point in enumerate((data.get("rallyPoints") or {}).get("points") or (), 1):
@@ -70,7 +71,7 @@ def _ring(corners: Sequence[Any]) -> Array:
     return ring_of([(longitude, latitude) for latitude, longitude in pairs])
 
 
-def _circle(latitude: float, longitude: float, radius_m: float, where: str, inside: bool = False) -> Array:
+def _circle(latitude: float, longitude: float, radius_m: float, where: str, inside: bool) -> Array:
     """Corners (36, 2) of a polygon around a circle, so that no part of an excluded circle is left outside."""
     if not (math.isfinite(radius_m) and 0.0 < radius_m <= 100_000.0 and abs(latitude) <= 89.0):
         raise ParameterError(f"{where} has the radius {radius_m:g} m at latitude {latitude:g}. Draw a polygon instead")

@@ -470,6 +470,13 @@ def test_a_survey_polygon_is_the_area_also_inside_a_fence(tmp_path):
         read(tmp_path, plan(mission=mission, geoFence=fence), "a.plan")
 
 
+def test_a_circle_to_stay_in_reaches_nowhere_beyond_it(tmp_path):
+    circle = {"inclusion": True, "circle": {"center": [47.304, 8.505], "radius": 200.0}}
+    area = read(tmp_path, plan(geoFence={"circles": [circle]}), "a.plan").area
+    distance_m = np.hypot(*local_from_geodetic(area[:, 0], area[:, 1], 47.304, 8.505))
+    np.testing.assert_allclose(distance_m, 200.0, atol=1e-5)
+
+
 def wpl(*rows):
     lines = ["QGC WPL 110"]
     for number, (command, value, lat, lon) in enumerate(rows):
