@@ -13,7 +13,8 @@ from auv_lse_common.support.arrays import Array
 #: Properties that state what a feature is, most explicit first, and those that name it; capitals do not count.
 _ROLE_KEYS = ("role", "type", "kind", "class", "category", "zone", "use", "usage")
 _NAME_KEYS = ("name", "title", "label", "id")
-_TRUE, _FALSE = ("true", "yes", "1", "1.0"), ("false", "no", "0", "0.0")
+_TRUE = ("true", "yes", "y", "t", "x", "on", "1", "1.0", "ja", "oui", "si", "sí")
+_FALSE = ("false", "no", "n", "f", "off", "0", "0.0", "nein", "non")
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Feature:
         role_text: What its properties state about its use.
         folder: Names of the folders or the layer it is in.
         other_text: All other text of its properties.
+        other_keys: Names of the properties with that text.
         flags: Properties that are true.
         rings: Those of a polygon, the outer one first, then its holes.
         point: Latitude, longitude.
@@ -35,6 +37,7 @@ class Feature:
     role_text: str = ""
     folder: str = ""
     other_text: str = ""
+    other_keys: str = ""
     flags: tuple[str, ...] = ()
     rings: tuple[Array, ...] = ()
     line: Array | None = None
@@ -71,8 +74,9 @@ def named_feature(properties: Mapping[str, Any], folder: str = "") -> Feature:
             said[word] = text
     name = next((said[key] for key in _NAME_KEYS if key in said), "")
     role = " ".join(said.pop(key) for key in _ROLE_KEYS if key in said)
-    other = " ".join(text for key, text in said.items() if key not in _NAME_KEYS)
-    return Feature(name, role_text=role, folder=folder, other_text=other, flags=tuple(flags))
+    other = {key: text for key, text in said.items() if key not in _NAME_KEYS}
+    texts, keys = (" ".join(part) for part in (other.values(), other))
+    return Feature(name, role_text=role, folder=folder, other_text=texts, other_keys=keys, flags=tuple(flags))
 
 
 def with_geometry(named: Feature, geometry: Mapping[str, Any] | None, where: str) -> Iterator[Feature]:

@@ -23,7 +23,10 @@ MAX_EXTENT_DEG = 2.0
 #: Largest number of rings in a file; those of an area have at most 2,000 corners together.
 MAX_RINGS = 700
 #: Words that define a role, as `words` separates them; the first role that matches counts.
-_KEEP_OUT = r"no ?go|no ?entry|exclu(?:sion|sive|de|ded)|keep ?(?:out|away)|stay out|off limits"
+_KEEP_OUT = (
+    r"no ?go|no ?entry|exclu(?:sion|sive|de|ded)|keep ?(?:out|away|clear)|stay out|off limits|do not enter"
+    r"|sperr\w*|verbot\w*|verboden|interdi\w*|prohibid\w*|proibid\w*|vietat\w*|förbjud\w*|forbud\w*"
+)
 #: These are no-go areas, too, but may be a part of a lake's name.
 _RISKS = r"avoid|forbidden|prohibited|restricted|dangers?|dangerous|hazards?"
 _OBJECTS = r"obstacles?|obstructions?|islands?|islets?"
@@ -72,7 +75,7 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
             content.shores += [_checked(line, feature, where) for line in _shores(feature) if len(line) > 1]
         elif feature.rings:
             areas.append(feature)
-        elif feature.line is not None and role in ("", "area") and (feature.closes or _is_closed(feature.line)):
+        elif role in ("", "area") and _encloses(feature):
             lines.append(feature)
         elif feature.point is not None and role in ("start", "recovery"):
             _add_position(content, role, feature, where)
@@ -143,8 +146,11 @@ def _outlined(feature: Feature, content: AreaContent, where: str) -> Feature:
     return replace(feature, rings=(ring,))
 
 
-def _is_closed(line: Array) -> bool:
-    return len(line) > 3 and bool(np.array_equal(line[0], line[-1]))
+def _encloses(feature: Feature) -> bool:
+    """Whether a feature is a polygon, a closed line, or one that may be closed."""
+    line = feature.line
+    is_closed = line is not None and len(line) > 3 and np.array_equal(line[0], line[-1])
+    return bool(feature.rings or is_closed or feature.closes)
 
 
 def _check_extent(features: Sequence[Feature], where: str) -> None:
@@ -182,10 +188,11 @@ def _role(feature: Feature, where: str) -> str:
     by_name, by_folder, elsewhere = (_stated(t) for t in (feature.name, feature.folder, feature.other_text))
     role = by_property or by_name or by_folder
     unclear = by_property and by_name == "no_go" and role != "no_go"
-    if feature.rings and (unclear or (elsewhere == "no_go" and role not in ("no_go", "area", "shore"))):
-        text = " ".join((feature.role_text, *feature.flags, feature.other_text)).strip()
+    may_be_no_go = elsewhere == "no_go" or re.search(rf"\b(?:{_KEEP_OUT})\b", feature.other_keys) is not None
+    if _encloses(feature) and (unclear or (may_be_no_go and role not in ("no_go", "area", "shore"))):
+        text = " ".join((feature.role_text, *feature.flags, feature.other_keys, feature.other_text)).strip()
         raise ParameterError(
-            f"{where}: the polygon {feature.name!r} with {text[:120]!r} may be the operating area or a no-go area. Set "
+            f"{where}: the {'polygon' if feature.rings else 'line'} {feature.name!r} with {text[:120]!r} may be the operating area or a no-go area. Set "
             "its property role to 'area' or 'no-go'"
         )
     return role
@@ -197,7 +204,7 @@ def _add_no_go_feature(content: AreaContent, feature: Feature, where: str) -> No
     if feature.rings:
         add_no_go(content.no_go, name, _checked(feature.rings[0], feature, where))
         content.ignored += [f"hole {k} of no-go area {name}" for k in range(1, len(feature.rings))]
-    elif feature.line is not None and (feature.closes or _is_closed(feature.line)):
+    elif feature.line is not None and _encloses(feature):
         ring, note = outline(feature.line, feature.closes, f"{where}: {name!r}")
         add_no_go(content.no_go, name, _checked(ring, feature, where))
         content.notes.append(f"no-go area {name} is the outline of a line{note}")

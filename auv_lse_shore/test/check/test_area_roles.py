@@ -88,6 +88,13 @@ def test_a_ring_without_a_polygon_is_used(tmp_path):
         {"name": "x", "no_go": True, "type": "polygon"},
         {"name": "x", "exclude": 1},
         {"name": "x", "inclusion": False},
+        {"name": "x", "no_go": "Y"},
+        {"name": "x", "exclusion": "x"},
+        {"name": "x", "inclusion": "N"},
+        {"name": "Sperrzone 2"},
+        {"name": "zone interdite"},
+        {"name": "zona prohibida"},
+        {"name": "do not enter"},
     ],
 )
 def test_a_no_go_area_is_recognized_however_it_is_written(tmp_path, known):
@@ -105,15 +112,25 @@ def test_a_no_go_area_is_recognized_however_it_is_written(tmp_path, known):
         {"name": "x", "description": "exclusion zone"},
         {"name": "no-go rock", "type": "inclusion"},
         {"name": "no-go rock", "inclusion": True},
+        {"name": "x", "no_go_reason": "cable"},
+        {"name": "x", "NoGo": 2},
     ],
 )
-def test_a_zone_that_may_be_either_is_refused(tmp_path, known):
-    path = geojson(tmp_path / "a.geojson", (known, "Polygon", [LAKE]))
+@pytest.mark.parametrize(("kind", "positions"), [("Polygon", [LAKE]), ("LineString", LAKE)])
+def test_a_zone_that_may_be_either_is_refused(tmp_path, known, kind, positions):
+    path = geojson(tmp_path / "a.geojson", (known, kind, positions))
     with pytest.raises(ParameterError, match="Set its property role to 'area' or 'no-go'"):
         read_area(path)
 
 
-@pytest.mark.parametrize("known", [{"name": "Bay", "role": "area", "note": "avoid the island"}, {"name": "Home lake"}])
+@pytest.mark.parametrize(
+    "known",
+    [
+        {"name": "Bay", "role": "area", "note": "avoid the island"},
+        {"name": "Home lake"},
+        {"name": "Bay", "islands": 3, "no_go": "N"},
+    ],
+)
 def test_an_area_may_mention_other_things(tmp_path, known):
     assert read_area(geojson(tmp_path / "a.geojson", (known, "Polygon", [LAKE]))).area is not None
 
