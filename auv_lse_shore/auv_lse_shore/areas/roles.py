@@ -191,9 +191,9 @@ def _role(feature: Feature, where: str) -> str:
     may_be_no_go = elsewhere == "no_go" or re.search(rf"\b(?:{_KEEP_OUT})\b", feature.other_keys) is not None
     if _encloses(feature) and (unclear or (may_be_no_go and role not in ("no_go", "area", "shore"))):
         text = " ".join((feature.role_text, *feature.flags, feature.other_keys, feature.other_text)).strip()
+        what = f"the {'polygon' if feature.rings else 'line'} {feature.name!r} with {text[:120]!r}"
         raise ParameterError(
-            f"{where}: the {'polygon' if feature.rings else 'line'} {feature.name!r} with {text[:120]!r} may be the operating area or a no-go area. Set "
-            "its property role to 'area' or 'no-go'"
+            f"{where}: {what} may be the operating area or a no-go area. Set its property role to 'area' or 'no-go'"
         )
     return role
 
