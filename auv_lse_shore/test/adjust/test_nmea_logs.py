@@ -218,6 +218,18 @@ def test_the_same_sounding_in_two_files_counts_once(tmp_path):
     assert sum(len(log.soundings) for log in found.placed) == len(rows)
 
 
+@pytest.mark.parametrize("after", ["", "\0\0\0", "$GPGGA,120001,3330.0,S,07015.0,W,1,9,1,0,M,0,M,,\n"])
+@pytest.mark.parametrize("has_checksums", [True, False])
+def test_a_depth_that_is_cut_off_is_left_out(tmp_path, after, has_checksums):
+    lines = [sentence(f"SDDBT,,f,{18.5 + k / 100:.2f},M,,F") for k in range(4)]
+    lines = lines if has_checksums else [line.partition("*")[0] + "\r\n" for line in lines]
+    lines[3] = "$SDDBT,,f,1"
+    start = "$GPGGA,120000,3330.0,S,07015.0,W,1,9,1,0,M,0,M,,\n"
+    content = content_of(tmp_path, start + "".join(lines) + after)
+    assert content.sounders["SDDBT"].rows[:, 1] == pytest.approx([18.5, 18.51, 18.52])
+    assert content.left_out["DBT sentences that are incomplete"] == 1
+
+
 def test_positions_by_dead_reckoning_are_no_fixes(tmp_path):
     lines = [line.split("*")[0] for line in nmea(survey()[:60]).splitlines() if "GGA" not in line]
     lines[::4] = [line.removesuffix("A") + "E" for line in lines[::4]]  # every other RMC

@@ -21,6 +21,7 @@ _IS_NAME = np.zeros(256, dtype=bool)
 _IS_NAME[np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789", dtype=np.uint8)] = True
 _IS_END = np.zeros(256, dtype=bool)
 _IS_END[np.frombuffer(b"$!*\r\n\0", dtype=np.uint8)] = True
+_WHOLE_ENDS = np.frombuffer(b"*\r\n", dtype=np.uint8)
 
 
 class Sentences:
@@ -65,6 +66,10 @@ class Sentences:
         has_sum = (self._data[self._ends] == ord("*")) & (high < 16) & (low < 16)
         intact: Mask = ~has_sum | (sums == (high << 4) + low)
         return intact
+
+    def are_cut(self) -> Mask:
+        """Whether each sentence ends before its checksum and its line do, shape (n,): digits may be missing."""
+        return ~np.isin(self._data[self._ends], _WHOLE_ENDS)
 
     def cells(self, rows: Ints, number: int, width: int = _WIDTH) -> Cells:
         """A field (0, 1, ...) of some sentences; b"" where it is missing, b"?" where it is too long."""

@@ -71,6 +71,7 @@ class SentenceReader:
         """Reads every sentence in a piece of the log that ends with a line."""
         found = Sentences(data, _KINDS)
         used = np.ones(len(found.names), dtype=bool) if self._accepts else found.are_intact()
+        are_cut = found.are_cut()
         at = self._taken + np.arange(len(used), dtype=float) if arrivals is None else arrivals(found.positions)
         self._taken += len(used)
         fixes = np.full(len(found.names), np.nan)
@@ -80,6 +81,10 @@ class SentenceReader:
             if refused := int((of_name & ~used).sum()):
                 reason = f"{source[2:]} sentences with a wrong checksum (--accept-checksums uses them)"
                 self._content.left_out[reason] += refused
+            is_cut = of_name & used & are_cut
+            if 2 * is_cut.sum() < of_name.sum():  # else no line ends separate them
+                self._incomplete(source[2:], int(is_cut.sum()))
+                used &= ~is_cut
             rows = np.flatnonzero(of_name & used)
             if kind in _DEPTHS:
                 self._add_depth_sentences(found, rows, at[rows], source)
