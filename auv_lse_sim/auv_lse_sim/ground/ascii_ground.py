@@ -94,8 +94,9 @@ def _read_header_line(fields: list[str], header: dict[str, float], where: str) -
     """Adds a line 'name number' to the header."""
     key = fields[0].lower()
     try:
-        header[key] = float(fields[1].replace(",", "."))
-    except (IndexError, ValueError):
+        (value,) = fields[1:]
+        header[key] = float(value.replace(",", "."))
+    except ValueError:
         raise GroundError(f"{where} is not a header line. Write a name and a number") from None
     if key in ("ncols", "nrows") and not (header[key].is_integer() and header[key] >= 2):
         raise GroundError(f"{where}: write a whole number of at least 2")
