@@ -9,6 +9,7 @@ from auv_lse_common.mission_file.degrees import AreaReader, in_metres
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.mission_file.strict_yaml import parse_yaml
 from auv_lse_common.support.input_bounds import MAX_PATTERNS, MAX_YAML_BYTES, over_size
+from auv_lse_common.support.text import encoding_of
 from auv_lse_common.support.user_error import brief
 
 
@@ -82,8 +83,9 @@ def _read_text(path: Path) -> str:
     try:
         if too_large := over_size(path, MAX_YAML_BYTES):
             raise ParameterError(f"{too_large}. Is this a mission file?")
-        return path.read_text()
+        data = path.read_bytes()
+        return data.decode(encoding_of(data))
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # UnicodeDecodeError
-        raise ParameterError(f"{path} is not UTF-8 text: {brief(error)}") from error
+        raise ParameterError(f"{path} is not UTF-8 text: {brief(error)}. Save it as UTF-8") from error

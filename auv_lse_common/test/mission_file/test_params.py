@@ -200,6 +200,20 @@ def test_files_of_another_shape_are_rejected(tmp_path: Path, text: str, message:
         read_parameter_file(tmp_path / "none.yaml")
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le"])
+def test_a_file_that_windows_wrote_is_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "mission.yaml"
+    path.write_bytes("# Öresund\r\n/**:\r\n  ros__parameters: {mission: {name: Öland}}\r\n".encode(encoding))
+    assert read_parameter_file(path) == {"/**": {"mission": {"name": "Öland"}}}
+
+
+def test_a_file_in_another_encoding_is_refused_with_the_cure(tmp_path: Path) -> None:
+    path = tmp_path / "mission.yaml"
+    path.write_bytes("# Öresund\n/**:\n  ros__parameters: {}\n".encode("cp1252"))
+    with pytest.raises(ParameterError, match=r"mission.yaml is not UTF-8 text: .*\. Save it as UTF-8$"):
+        read_parameter_file(path)
+
+
 def test_numbers_that_have_one_meaning_are_read(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text("[0, 00, -0, 1_000, 0x10, 0.5, 00.5, '010', 10.0.0.1:14550, 2026-06-14T10:00:00Z]\n")
