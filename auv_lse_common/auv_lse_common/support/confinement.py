@@ -14,14 +14,11 @@ from pathlib import Path
 RANGE_VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 FASTDDS_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 NETWORK_VARIABLES = (*RANGE_VARIABLES, *FASTDDS_VARIABLES, "CYCLONEDDS_URI")
-#: Values of `ROS_AUTOMATIC_DISCOVERY_RANGE` that ask for another range than this computer. SYSTEM_DEFAULT leaves the
-#: range to a profile, which counts by itself.
-_OTHER_RANGES = ("SUBNET", "OFF")
 _FASTDDS_PROFILE = Path(__file__).with_name("fastdds_localhost.xml")
 
 
 class ConfinementError(ValueError):
-    """The middleware in use cannot be kept on this computer, and the user names no network."""
+    """The middleware in use cannot be kept on this computer and the user names no network, or discovery is off."""
 
 
 def confined(domain: int | None = None, environment: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -35,11 +32,16 @@ def confined(domain: int | None = None, environment: Mapping[str, str] | None = 
         environment: The environment to start from; None: this process's.
 
     Raises:
-        ConfinementError: with Cyclone DDS, if no network is named.
+        ConfinementError: with Cyclone DDS, if no network is named; if discovery is off.
     """
     result = dict(os.environ if environment is None else environment)
     if domain is not None:
         result["ROS_DOMAIN_ID"] = str(domain)
+    if (discovery := result.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")).upper() == "OFF":
+        raise ConfinementError(
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE={discovery}: no node finds another one. Unset it to stay on this computer, "
+            "or set SUBNET"
+        )
     if names_network(result):
         if result.get("ROS_STATIC_PEERS"):
             result["ROS_AUTOMATIC_DISCOVERY_RANGE"] = result.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
@@ -68,9 +70,10 @@ def confine(domain: int | None = None) -> None:
 def names_network(environment: Mapping[str, str]) -> bool:
     """Whether the user names a range, peers, a discovery server or a profile, for the middleware in use.
 
-    A profile whose file is missing does not count: Fast DDS would listen on every address without it.
+    Of the ranges, SYSTEM_DEFAULT is left to a profile, which counts by itself. A profile whose file is missing does not
+    count: Fast DDS would listen on every address without it.
     """
-    if environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() in _OTHER_RANGES:
+    if environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "SUBNET":
         return True
     if any(environment.get(name) for name in RANGE_VARIABLES[1:]):
         return True

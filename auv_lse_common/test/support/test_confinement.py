@@ -47,12 +47,18 @@ def test_cyclone_dds_needs_a_network_since_it_listens_on_every_one() -> None:
     assert is_confined(confined(None, own | {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"})), "not Fast DDS's profile"
 
 
+@pytest.mark.parametrize("other", [{}, {"ROS_STATIC_PEERS": "192.0.2.9"}, CYCLONE])
+def test_a_range_in_which_no_nodes_find_each_other_is_refused(other: dict[str, str]) -> None:
+    with pytest.raises(ConfinementError, match=r"^ROS_AUTOMATIC_DISCOVERY_RANGE=off: .* Unset it.* or set SUBNET"):
+        confined(7, BARE | other | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "off"})
+
+
 def test_an_unknown_middleware_searches_this_computer_only() -> None:
     environment = confined(7, BARE | {"RMW_IMPLEMENTATION": "rmw_connextdds"})
     assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
-@pytest.mark.parametrize("named", [OPEN, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, {"ROS_DISCOVERY_SERVER": "a:1"}])
+@pytest.mark.parametrize("named", [OPEN, {"ROS_DISCOVERY_SERVER": "a:1"}])
 def test_a_network_that_the_user_names_is_kept(named: dict[str, str]) -> None:
     environment = confined(None, BARE | named)
     assert environment == BARE | named

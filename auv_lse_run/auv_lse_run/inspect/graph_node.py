@@ -32,7 +32,6 @@ _ANSWER_S = 5.0
 _RANGES = {
     "SUBNET": "nodes of this subnet",
     "LOCALHOST": "nodes of this computer and of the named peers",
-    "OFF": "no node of another process",
     "SYSTEM_DEFAULT": "what the DDS profile allows",
 }
 

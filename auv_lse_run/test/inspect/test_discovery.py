@@ -111,10 +111,6 @@ def test_a_list_of_an_empty_domain_names_it_and_what_to_check(
     [
         ({}, "ROS_AUTOMATIC_DISCOVERY_RANGE, which is not set, finds nodes of this subnet"),
         (
-            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
-            "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF finds no node of another process",
-        ),
-        (
             {"ROS_STATIC_PEERS": "10.0.0.2", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
             "nodes of this computer and of the named peers, ROS_STATIC_PEERS=10.0.0.2",
         ),
