@@ -14,11 +14,13 @@ from pathlib import Path
 RANGE_VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 FASTDDS_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 NETWORK_VARIABLES = (*RANGE_VARIABLES, *FASTDDS_VARIABLES, "CYCLONEDDS_URI")
+#: Folder of the ament index with a file for each middleware.
+_MIDDLEWARES = "share/ament_index/resource_index/rmw_typesupport"
 _FASTDDS_PROFILE = Path(__file__).with_name("fastdds_localhost.xml")
 
 
 class ConfinementError(ValueError):
-    """The middleware in use cannot be kept on this computer and the user names no network, or discovery is off."""
+    """ROS cannot run in the environment, or not without a network that the user does not name."""
 
 
 def confined(domain: int | None = None, environment: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -32,7 +34,8 @@ def confined(domain: int | None = None, environment: Mapping[str, str] | None = 
         environment: The environment to start from; None: this process's.
 
     Raises:
-        ConfinementError: with Cyclone DDS, if no network is named; if discovery is off.
+        ConfinementError: with Cyclone DDS, if no network is named; if discovery is off, or the middleware is not
+            installed.
     """
     result = dict(os.environ if environment is None else environment)
     if domain is not None:
@@ -41,6 +44,12 @@ def confined(domain: int | None = None, environment: Mapping[str, str] | None = 
         raise ConfinementError(
             f"ROS_AUTOMATIC_DISCOVERY_RANGE={discovery}: no node finds another one. Unset it to stay on this computer, "
             "or set SUBNET"
+        )
+    installed = _installed(result)
+    if installed and result.get("RMW_IMPLEMENTATION") and _middleware(result) not in installed:
+        raise ConfinementError(
+            f"RMW_IMPLEMENTATION={_middleware(result)} is not installed. Unset it, or choose one of "
+            f"{', '.join(installed)}"
         )
     if names_network(result):
         if result.get("ROS_STATIC_PEERS"):
@@ -92,6 +101,13 @@ def watch_variables(domain: int) -> str:
 def is_confined(environment: Mapping[str, str]) -> bool:
     """Whether an environment keeps ROS traffic on this computer, as `confined` does without a named network."""
     return environment.get(FASTDDS_VARIABLES[0]) == str(_FASTDDS_PROFILE) and not names_network(environment)
+
+
+def _installed(environment: Mapping[str, str]) -> list[str]:
+    """The middlewares that the sourced ROS has; none if it is not known."""
+    prefixes = [Path(prefix) for prefix in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    found = {file.name for prefix in prefixes for file in (prefix / _MIDDLEWARES).glob("rmw_*")}
+    return sorted(found - {"rmw_implementation"})
 
 
 def _middleware(environment: Mapping[str, str]) -> str:

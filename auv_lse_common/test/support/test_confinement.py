@@ -23,7 +23,8 @@ from auv_lse_common.support.confinement import (
 
 BARE = {name: value for name, value in os.environ.items() if name not in NETWORK_VARIABLES}
 OPEN = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-CYCLONE = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+#: Without a ROS that is sourced, so that every middleware may be installed.
+CYCLONE = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp", "AMENT_PREFIX_PATH": ""}
 
 
 def test_nothing_named_means_this_computer() -> None:
@@ -53,8 +54,23 @@ def test_a_range_in_which_no_nodes_find_each_other_is_refused(other: dict[str, s
         confined(7, BARE | other | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "off"})
 
 
+def test_a_middleware_that_is_not_installed_is_named_with_those_that_are(tmp_path: Path) -> None:
+    for prefix, name in (("a", "rmw_fastrtps_cpp"), ("a", "rmw_implementation"), ("b", "rmw_zenoh_cpp")):
+        resource = tmp_path / prefix / "share/ament_index/resource_index/rmw_typesupport" / name
+        resource.parent.mkdir(parents=True, exist_ok=True)
+        resource.touch()
+    sourced = BARE | {"AMENT_PREFIX_PATH": f"{tmp_path / 'a'}:{tmp_path / 'b'}"}
+    expected = (
+        r"^RMW_IMPLEMENTATION=rmw_foo is not installed. Unset it, or choose one of rmw_fastrtps_cpp, rmw_zenoh_cpp$"
+    )
+    with pytest.raises(ConfinementError, match=expected):
+        confined(7, sourced | OPEN | {"RMW_IMPLEMENTATION": "rmw_foo"})
+    zenoh = confined(7, sourced | {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"})
+    assert zenoh["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+
+
 def test_an_unknown_middleware_searches_this_computer_only() -> None:
-    environment = confined(7, BARE | {"RMW_IMPLEMENTATION": "rmw_connextdds"})
+    environment = confined(7, BARE | CYCLONE | {"RMW_IMPLEMENTATION": "rmw_connextdds"})
     assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
