@@ -468,6 +468,15 @@ def test_a_proposal_keeps_the_names_that_are_known(tmp_path, header, columns):
         gathered(tmp_path, data)
 
 
+def test_a_proposal_keeps_names_of_columns_that_are_apart(tmp_path):
+    """As the viewer of a Ping echo sounder writes them."""
+    header = "timestamp,distance_mm,confidence,latitude,longitude"
+    data = lines(header, lambda t, a, o, d: f"{utc(t)},{1000.0 * d:.0f},95,{a:.8f},{o:.8f}")
+    with pytest.raises(LogError, match="--columns datetime,depth_mm,quality,lat,lon"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--columns", "datetime,depth_mm,quality,lat,lon"))
+
+
 @pytest.mark.parametrize("header", ["", "lon,lat,bottom"])
 def test_a_proposal_asks_for_the_water_surface_if_values_may_be_elevations(tmp_path, header):
     data = lines(header, lambda t, a, o, d: f"{o:.8f},{a:.8f},{372.0 - d:.3f}")

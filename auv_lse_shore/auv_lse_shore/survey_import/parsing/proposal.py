@@ -14,7 +14,9 @@ from auv_lse_shore.survey_import.parsing.times import days, of_day_s
 
 #: What names of columns of heights, and of either depths or heights, contain.
 _HEIGHT_NAME = re.compile("elev|height|h(o|oe|ö)he|quota|cota", re.IGNORECASE)
-_DEPTH_NAME = re.compile(f"dep|sound|tief|prof|bathy|{_HEIGHT_NAME.pattern}", re.IGNORECASE)
+_DEPTH_NAME = re.compile(f"dep|sound|tief|prof|bathy|dist|range|{_HEIGHT_NAME.pattern}", re.IGNORECASE)
+#: Roles for which a header is right.
+_NAMED = ("lat", "lon", "quality")
 
 
 def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
@@ -29,21 +31,29 @@ def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
     names = ["-"] * width
     for i, column in enumerate(texts):
         names[i] = _time_name(column, values[i]) or "-"
+    roles = [found.role if (found := column_of(i, title)) else "" for i, title in enumerate(header)]
+    at = [i for i in range(width) if roles[i] in ("lat", "lon")]
+    is_named = len(dialect.header) == width and sorted(roles[i] for i in at) == ["lat", "lon"]
+    if is_named and _pair(values[at[0]], values[at[1]]):
+        for role in set(roles) & set(_NAMED):
+            names[roles.index(role)] = role
     free = [i for i in range(width) if names[i] == "-" and 2 * np.isfinite(values[i]).sum() > len(values[i])]
-    for a, b in itertools.pairwise(free):
+    behind = max(names.index("lat"), names.index("lon")) if {"lat", "lon"} <= set(names) else -1
+    for a, b in itertools.pairwise(free) if behind < 0 else ():
         is_beside = all(name == "-" for name in names[a:b])  # with no time between, but perhaps hemispheres
         if is_beside and (pair := _pair(values[a], values[b])):
-            named = [found.role if (found := column_of(i, header[i])) else "" for i in (a, b)]
+            named = roles[a], roles[b]
             names[a], names[b] = named if sorted(named) == sorted(pair) else pair
-            free = [i for i in free if i not in (a, b)]
-            # depth comes after the position, if it can
-            for i in sorted(free, key=lambda i: (not _DEPTH_NAME.search(header[i]), i < b, i)):
-                if name := _depth_name(values[i], header[i]):
-                    names[i] = name + _unit_of(dialect, i)
-                    free.remove(i)
-                    break
+            free, behind = [i for i in free if i not in (a, b)], b
             break
-    for i in free:
+    # depth comes after the position, if it can
+    for i in sorted(free, key=lambda i: (not _DEPTH_NAME.search(header[i]), i < behind, i)) if behind >= 0 else ():
+        unit = _unit_of(dialect, i)
+        if name := _depth_name(values[i] * METRES.get(unit, 1.0), header[i]):
+            names[i] = f"{name}_{unit}".rstrip("_")
+            free.remove(i)
+            break
+    for i in free if "quality" not in names else ():
         if _is_quality(values[i]) and any(name.startswith("depth") for name in names[:i]):
             names[i] = "quality"
             break
@@ -95,10 +105,9 @@ def _depth_name(values: Array, title: str) -> str:
 
 
 def _unit_of(dialect: Dialect, number: int) -> str:
-    """The unit of length in a column's name or in the row of units, as the end of a name; "" without one."""
+    """The unit of length in a column's name or in the row of units; "" without one."""
     texts = [cells[number].lower() for cells in (dialect.header, dialect.units) if number < len(cells)]
-    unit = next((word for word in re.findall("[a-z]+", " ".join(texts)) if word in METRES and word != "in"), "")
-    return f"_{unit}" if unit else ""
+    return next((word for word in re.findall("[a-z]+", " ".join(texts)) if word in METRES and word != "in"), "")
 
 
 def _is_quality(values: Array) -> bool:
