@@ -143,14 +143,15 @@ class VehicleRun:
 
     @property
     def span_s(self) -> tuple[float, float] | None:
-        """Times of the first leg, without legs of the first position or sounding, and of the last position or sounding.
+        """When its mission began, and the time of its last position or sounding; None without any.
 
-        None without any.
+        A simulation begins at 0, another mission with its first leg, a survey with its first position or sounding.
         """
         stamps = np.concatenate([self.odometry[:, 0], self.soundings.stamp_s])
         if not len(stamps):
             return None
-        return float(self.decisions[0].now_s if self.decisions else stamps.min()), float(stamps.max())
+        begin_s = 0.0 if len(self.truth) else self.decisions[0].now_s if self.decisions else stamps.min()
+        return float(begin_s), float(stamps.max())
 
     @property
     def steps(self) -> int:
