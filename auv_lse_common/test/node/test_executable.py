@@ -83,4 +83,5 @@ def test_every_node_imports_it_first() -> None:
     assert len(modules) >= 8
     for path in modules:
         imports = [line for line in path.read_text().splitlines() if line.startswith(("import ", "from "))]
-        assert imports[1].startswith("import auv_lse_common.node.executable  #"), path
+        first = next(line for line in imports if not line.startswith("from __future__"))
+        assert first.startswith("import auv_lse_common.node.executable  #"), path
