@@ -14,7 +14,8 @@ from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT
 from auv_lse_common.vocabulary.mission_run import Action
 from auv_lse_planner.paths.motion import MotionTable
 
-#: Standard deviation of the way that a full battery lasts, as a share of it, below which that is learned.
+#: Standard deviation of the way that a full battery lasts, as a share of it, below which that is learned: the filter
+#: begins with 0.3.
 LEARNED_SHARE = 0.2
 #: GO is refused if the battery is expected to last for less than this share of the legs.
 LEAST_SHARE = 0.5

@@ -45,7 +45,8 @@ def corner_table_features(path: Path) -> list[Feature]:
             raise ParameterError(
                 f"{path}: column {name} tells {len({*words})} areas apart. Give each a file of its own"
             )
-        features += [Feature(f"column {name}")] * (number not in used)
+        if number not in used:
+            features.append(Feature(f"column {name}"))
     try:
         table = dataclasses.replace(table, columns=columns)
         corners = table.degrees(table.read([*columns]), notes)

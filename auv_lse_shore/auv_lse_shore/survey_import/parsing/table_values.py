@@ -32,7 +32,7 @@ _SAME_UNIT = 1e-5
 _DEGREE_M = 111_000.0
 #: Metres farther from 0 than this (m) are no local coordinates.
 _FAR_M = 100_000.0
-#: Columns x, y whose quartiles are farther apart than this (deg) hold no degrees.
+#: Columns x, y whose quartiles are farther apart than this (deg), 100 km and more, hold no degrees.
 _WIDE_DEG = 2.0
 #: An altitude that stays below this (m) may be above the bottom.
 _LOW_M = 100.0
