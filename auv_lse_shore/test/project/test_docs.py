@@ -135,6 +135,8 @@ def test_links_lead_somewhere(page):
             name, _, section = target.partition("#")
             file = (page.parent / name).resolve() if name else page
             assert file.exists(), f"{page.name}:{number}: {target}"
+            if page.is_relative_to(ROOT / "docs"):
+                assert file.is_relative_to(ROOT / "docs"), f"{page.name}:{number}: {target} is not part of the site"
             if section:
                 headings = [anchor(line.lstrip("#")) for line in file.read_text().splitlines() if line.startswith("#")]
                 assert section in headings, f"{page.name}:{number}: {target}"

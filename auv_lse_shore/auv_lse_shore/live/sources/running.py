@@ -119,7 +119,8 @@ class MissionFollower:
         self._timeline.set_state(source="mission", domain=found.domain, growing=True, problem="", waiting="")
         self._timeline.set_state(run=_shown(found.run))
         merged = _MergedMessages(settings, self._timeline, found.run)
-        vehicles, dive = settings.mission.vehicles, dive_on(found.domain)
+        vehicles = settings.mission.vehicles
+        dive = dive_on(found.domain) or None  # "": reserved, but not noted, as on a full disk
         with MissionListener(vehicles, found.domain, merged.receive, dive, self._commands) as listener:
             self._timeline.set_state(control=self._commands is not None)
             while not stop.is_set() and not merged.restarted:
