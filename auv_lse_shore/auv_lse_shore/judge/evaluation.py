@@ -232,7 +232,9 @@ def _summary(e: Evaluation) -> Summary:
         else None,
         "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run, first),
     }
-    if run.steps < e.planned_steps:  # the bounds are those of a complete mission
+    if absent := absent_vehicles(run):  # planners shared the work; who failed to receive is unknown
+        found |= {"mowing_risk": None, "delivery": None}
+    if run.steps < e.planned_steps or absent:  # the bounds are those of a complete mission
         found |= {"bound_kept": None, "path_bound_kept": None, "map_bound_kept": None, "map_bound_promised": False}
     else:
         found["map_bound_kept"] = found["risk_after"] <= curves.mowing_risk
@@ -246,6 +248,14 @@ def _summary(e: Evaluation) -> Summary:
         bool(v.decisions) and v.decisions[-1].plan.quality_reached for v in run.vehicles
     )
     return Summary.of_known(found)
+
+
+def absent_vehicles(run: RunData) -> list[int]:
+    """Numbers of the vehicles that flew the mission, but whose data `run` lacks; none for a survey."""
+    if not run.steps:
+        return []
+    team = mission_settings(run.parameters, 1)[0].mission.vehicles
+    return sorted({*range(1, team + 1)} - {v.vehicle for v in run.vehicles})
 
 
 def _ideal(run: RunData, settings: PlannerSettings, area: OperatingArea) -> DepthField | None:

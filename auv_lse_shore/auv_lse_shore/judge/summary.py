@@ -73,11 +73,11 @@ class Summary:
     )
     mowing_risk: float | None = figure(
         "cost/location",
-        "lawnmower bound: map risk expected of a lawnmower mission; of its first steps, if the mission ended early "
-        "(over part of the locations; beyond 1,000 legs of all vehicles tile by tile)",
+        "lawnmower bound: map risk expected of a lawnmower mission; of its first steps, if it ended early; null for "
+        "part of a team (over part of the locations; beyond 1,000 legs tile by tile)",
     )
-    flown_risk: float | None = figure("cost/location", "map risk that the prior expected of the path that was flown")
-    map_bound_promised: bool = figure("", "whether the method guarantees this bound; false if the mission ended early")
+    flown_risk: float | None = figure("cost/location", "map risk that the prior expected of the path flown")
+    map_bound_promised: bool = figure("", "whether the method guarantees this bound; false if it ended early")
     map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk; null if it ended early")
     loss_expected: float = figure(
         "cost/location",
@@ -141,7 +141,7 @@ class Summary:
     packets_sent: int = figure("", "packets sent by all vehicles")
     packets_received: int = figure("", "receptions by all vehicles (each packet can be received by K - 1)")
     packets_lost: int = figure("", "receptions that failed; packets still under way at the end do not count")
-    delivery: float | None = figure("", "packets_received / (packets_received + packets_lost); None without packets")
+    delivery: float | None = figure("", "packets_received / (packets_received + packets_lost); null without packets")
     team_reward: float = figure(
         "cost", "the paper's reward, stepwise: sum of each leg's drop of risk at its own location"
     )

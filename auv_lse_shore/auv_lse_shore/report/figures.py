@@ -62,11 +62,16 @@ def vehicle_style(index: int) -> dict[str, Any]:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Writes a figure as PNG; it is laid out once, where `savefig` by itself would lay it out twice."""
+    """Writes a figure as PNG.
+
+    It is laid out once, where `savefig` by itself would do so twice; twice below labels of longitude, which titles
+    make room for only once these are placed.
+    """
     FigureCanvasAgg(figure)
     figure.set_dpi(DPI)
     if (layout := figure.get_layout_engine()) is not None:
-        layout.execute(figure)
+        for _ in range(2 if any(axis.child_axes for axis in figure.axes) else 1):
+            layout.execute(figure)
     figure.set_layout_engine("none")
     figure.savefig(path, dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
 

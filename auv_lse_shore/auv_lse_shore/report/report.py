@@ -18,7 +18,7 @@ from auv_lse_shore.report import report_figures, words
 from auv_lse_shore.report.page import embed, number, render
 from auv_lse_shore.report.progress import Show, show_nothing
 
-#: Columns of the table of vehicles; the last, by battery, only if one has reported its charge.
+#: Columns of the table of vehicles; those without any value are left out.
 VEHICLE_COLUMNS = (
     "vehicle", "steps", "distance (m)", "soundings", "samples received", "packets sent / received",
     f"{MAP_RISK}, own soundings only", f"{MAP_RISK}, own map", "difference to team map",
@@ -68,7 +68,8 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     setting = f"{counted(s.vehicles, 'AUV')}, {steps}, goal {s.goal}, method {s.method}, seed {s.seed}"
     pictures = {name: embed(folder / name, caption) for name, caption in drawn}
     paper = pictures.pop(report_figures.PAPER, None)
-    shown = len(VEHICLE_COLUMNS) - (not any(vehicle.battery for vehicle in e.run.vehicles))
+    columns = list(zip(VEHICLE_COLUMNS, *_vehicles(e), strict=True))
+    vehicle_header, *vehicles = zip(*(column for column in columns if {*column[1:]} != {"–"}), strict=True)
     return render(
         "report.html",
         title=f"{e.settings[0].level_set.level_m:g} m isobath",
@@ -83,8 +84,8 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         results=words.paragraphs(e),
         paper=words.paper_paragraphs(s),
         paper_pictures=[paper] if paper else [],
-        vehicle_header=VEHICLE_COLUMNS[:shown],
-        vehicles=[row[:shown] for row in _vehicles(e)],
+        vehicle_header=vehicle_header,
+        vehicles=vehicles,
         summary=[(key, number(getattr(s, key)), unit, meaning) for key, unit, meaning in summary.table()],
         parameters=list(_parameters(e.run.parameters)),
     )

@@ -20,7 +20,7 @@ PAPER = "reward.png"
 FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     (
         "map.png",
-        "The team's final map, north up. Blue is surely deeper than the isobath, sand is surely shallower, white is "
+        "The final map, north up. Blue is surely deeper than the isobath, sand is surely shallower, white is "
         "uncertain. Black line: isobath found, placed within 20 m with 95 % certainty. Yellow: likely isobath. "
         "Dotted: a guess with little data behind it. Labels: length of isobath that may be missing there. "
         "Dashed: true isobath, known in simulation only. Colored lines: the vehicles' tracks, from circle to square.",
@@ -29,8 +29,7 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     (
         "risk_maps.png",
         "Map risk: at each location the Bayes risk, the expected cost of calling it deep enough or not. Bright "
-        "locations are uncertain. (a) Before "
-        "the mission. (b) Given the soundings of all vehicles.",
+        "locations are uncertain. (a) Before the mission. (b) Given all soundings.",
         risk_maps,
     ),
     (

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
-from auv_lse_common.support.plurals import area_size, counted
+from auv_lse_common.support.plurals import area_size, counted, listed
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_common.vocabulary.health import BATTERY_LASTS
 from auv_lse_gp.covariance.prior_mean import excluded_level
@@ -13,7 +13,7 @@ from auv_lse_gp.map.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, 
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.vehicle.until import plans_to_horizon
 from auv_lse_record.run_data import RunData
-from auv_lse_shore.judge.evaluation import Evaluation
+from auv_lse_shore.judge.evaluation import Evaluation, absent_vehicles
 from auv_lse_shore.judge.figures_of_merit import SURE
 from auv_lse_shore.judge.quantity_names import ACTUAL_LOSS, COST_PER_LOCATION, EXPECTED_LOSS, MAP_RISK
 from auv_lse_shore.judge.summary import Summary
@@ -131,7 +131,15 @@ def batteries(run: RunData) -> list[str]:
 
 
 def _reasons(run: RunData) -> list[str]:
-    return [f"auv{v.vehicle} ended early: {v.ended_early}." for v in run.vehicles if v.ended_early]
+    reasons = [f"auv{v.vehicle} ended early: {v.ended_early}." for v in run.vehicles if v.ended_early]
+    if absent := absent_vehicles(run):
+        names = listed([f"auv{number}" for number in absent], most=8)
+        team = counted(len(run.vehicles) + len(absent), "vehicle")
+        reasons.append(
+            f"{team} flew this mission, but the data of {names} are not here: no bound is compared. "
+            "For one report of the whole team: auv_lse adjust --report RUN RUN."
+        )
+    return reasons
 
 
 def _bound_in_brief(s: Summary) -> str:

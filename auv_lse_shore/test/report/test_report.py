@@ -11,11 +11,11 @@ import pytest
 import yaml
 from browser import CHROMIUM, Browser
 from jinja2 import UndefinedError
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from auv_lse_gp.map.certainty import CLASSES, FOUND
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.summary import table
+from auv_lse_shore.report.figures import save
 from auv_lse_shore.report.page import number, page_environment
 from auv_lse_shore.report.report import write_report
 from auv_lse_shore.report.report_figures import FIGURES
@@ -157,13 +157,13 @@ def test_the_tables_are_whole_on_a_phone_on_a_wide_screen_and_in_at_most_6_print
 
 
 @pytest.mark.parametrize(("kinds", "east_m", "vehicles"), [((), 650, 1), ((FOUND,), 550, 20), (CLASSES, 650, 1)])
-def test_nothing_of_a_figure_is_cut_off(synthetic_run, kinds, east_m, vehicles):
+def test_nothing_of_a_figure_is_cut_off(synthetic_run, tmp_path, kinds, east_m, vehicles):
     """In areas of the default shape and square; with all classes of the isobath, the legend has a second line."""
     run = synthetic_run(steps=8)
     run.vehicles = [dataclasses.replace(run.vehicles[0], vehicle=number + 1) for number in range(vehicles)]
     run.parameters["/**"]["mission"]["vehicles"] = vehicles
     run.parameters["/**"]["area"] = {"polygon_m": [-50, -50, 550, -50, 550, east_m, -50, east_m]}
-    run.ground = None
+    run.ground, run.origin = None, (47.5, 8.5)
     e = evaluate(run)
     piece = e.pieces[0]
     e.truth = [piece.line]
@@ -171,8 +171,7 @@ def test_nothing_of_a_figure_is_cut_off(synthetic_run, kinds, east_m, vehicles):
     for name, _, draw in FIGURES:
         if (figure := draw(e)) is None:
             continue
-        FigureCanvasAgg(figure)
-        figure.draw_without_rendering()
+        save(figure, tmp_path / name)
         drawn, (width_in, height_in) = figure.get_tightbbox(), figure.get_size_inches()
         beyond_in = (-drawn.x0, -drawn.y0, drawn.x1 - width_in, drawn.y1 - height_in)
         assert max(beyond_in) < 0.01, (name, "left, bottom, right, top (inches)", beyond_in)

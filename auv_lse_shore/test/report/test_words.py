@@ -12,7 +12,7 @@ from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.report.figures import depth_map, risk_maps
 from auv_lse_shore.report.found_figure import found
 from auv_lse_shore.report.page import number
-from auv_lse_shore.report.report import page
+from auv_lse_shore.report.report import page, write_outputs
 from auv_lse_shore.report.report_figures import FIGURES
 from auv_lse_shore.report.words import (
     ended_early,
@@ -98,7 +98,7 @@ def shown(evaluation, folder):
 def test_the_first_picture_is_the_map_and_comes_before_the_words(other, tmp_path):
     text = html.unescape(shown(other, tmp_path))
     assert FIGURES[0][0] == "map.png"
-    assert 0 < text.index("The team's final map") < text.index("<h2>Results</h2>")
+    assert 0 < text.index("The final map") < text.index("<h2>Results</h2>")
 
 
 def test_the_words_give_lengths_areas_reasons_and_losses_of_the_link(other):
@@ -184,6 +184,23 @@ def cut(run, step):
         vehicle.received = vehicle.received[vehicle.received.stamp_s <= end_s]
         run.end_s = end_s
     return run
+
+
+def test_part_of_a_team_is_not_compared_with_the_bound_of_the_whole(synthetic_run, tmp_path):
+    run = synthetic_run(steps=30)
+    run.parameters["/**"]["planner"] = {"method": "tour"}
+    team = len(run.vehicles)
+    run.vehicles = run.vehicles[:1]
+    evaluation = evaluate(run, bounds=2)
+    s = evaluation.summary
+    assert (s.mowing_risk, s.map_bound_kept, s.map_bound_promised, s.delivery) == (None, None, False, None)
+    reason = headlines(s, 30, run)[0]
+    assert reason.startswith(f"{team} vehicles flew this mission, but the data of auv2")
+    assert "lawnmower" not in " ".join(headlines(s, 30, run)) + text_of(evaluation)
+    write_outputs(evaluation, tmp_path)
+    shown = (tmp_path / "report.html").read_text()
+    assert reason in shown
+    assert "<th>legs left / planned</th>" not in shown, "a column without values"
 
 
 def test_a_mission_cut_at_step_22_of_100_is_compared_with_that_part_of_a_lawnmower_mission(synthetic_run, tmp_path):
