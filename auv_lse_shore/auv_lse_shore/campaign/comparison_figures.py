@@ -70,7 +70,9 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
 
 
 def _title(column: str) -> str:
-    return HEADINGS[column].replace(" (", "\n(")
+    """A heading in two short lines: beside it is that of the next panel."""
+    heading = HEADINGS[column]
+    return heading.replace(", ", ",\n", 1) if ", " in heading else heading.replace(" (", "\n(")
 
 
 def _range(column: str, groups: Iterable[Sequence[Row]]) -> tuple[float, float]:
