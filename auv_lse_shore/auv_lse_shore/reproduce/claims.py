@@ -9,6 +9,7 @@ so differences are taken seed by seed.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_shore.campaign.rows import Row, by_seed, value_of
 from auv_lse_shore.campaign.statistics import Interval, interval, paired
 from auv_lse_shore.reproduce.study import OURS
@@ -197,7 +198,7 @@ def _above_the_bound(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Seq
             difference = paired(by_seed(rows, column), by_seed(lawn, column))
             if difference.count:
                 text = f"{team}{name} less that of a lawnmower over the same lakes (cost)"
-                value = f"{difference} ({difference.count} seeds)"
+                value = f"{difference} ({counted(difference.count, 'seed')})"
                 floor = interval([value_of(r, column) for r in lawn]).mean
                 evidence.append(Evidence(what=text, value=value, verdict=not_worse(difference, floor, True)))
     return Claim(

@@ -1,6 +1,7 @@
 """Simulates a study: an estimate of its time, and its campaigns one after the other."""
 
 import json
+import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -79,7 +80,8 @@ def run_study(
     for index, (name, spec) in enumerate(study.selected.items()):
         left = study.budget_s - (time.monotonic() - began)
         share = left * (0.8 if index == 0 and len(study.selected) > 1 else 1.0)
-        print(f"{name}: {len(spec.settings)} settings, {len(spec.seeds)} seeds", flush=True)
+        most = "" if math.isinf(study.budget_s) else "as many as the time allows of "
+        print(f"{name}: {len(spec.settings)} settings, {most}{len(spec.seeds)} seeds", flush=True)
         with locked(folder / name), progress_display() as show:
             states[name] = run_campaign(spec, folder / name, client, budget_s=share, progress=show)
         finished(name, states[name])
