@@ -26,7 +26,9 @@ from auv_lse_shore.judge.quantity_names import P_DEEP
 from auv_lse_shore.report.figures import save
 from auv_lse_shore.report.page import embed, number, render
 
-_COMPARISON = "Every setting: each seed's result (dots), the mean and its 95 % confidence interval, which a panel may cut off."
+_COMPARISON = (
+    "Every setting: each seed's result (dots), the mean and its 95 % confidence interval, which a panel may cut off."
+)
 _CURVES = (
     "Map risk over steps, and the map risk expected at the end with the current plans: mean over seeds and 95 % "
     "confidence interval."

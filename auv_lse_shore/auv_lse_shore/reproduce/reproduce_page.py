@@ -87,7 +87,8 @@ def write_page(study: Study, folder: Path, examples: Mapping[tuple[int, str], Ev
 def _subtitle(study: Study, done: Mapping[str, Sequence[Row]], failed: Sequence[Row]) -> str:
     flown = sum(map(len, done.values()))
     seeds = len({r["seed"] for r in done.get("trials", [])})
-    kind = "Small version (--quick): a small area, 40 steps, and too few missions for verdicts. " if study.name == "quick" else ""
+    small = "Small version (--quick): a small area, 40 steps, and too few missions for verdicts. "
+    kind = small if study.name == "quick" else ""
     return f"{kind}{flown} simulated missions, {seeds} seeds in the trials, {len(failed)} missions failed."
 
 
