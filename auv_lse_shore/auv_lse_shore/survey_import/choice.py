@@ -174,11 +174,11 @@ def _sounder_of(content: LogContent, choice: Choice, pings: Counter[str]) -> str
     # the transducer's depth that the user gives replaces the one that a plotter was set to
     order = _REFERENCES if choice.draught_m is None else (Reference.TRANSDUCER, Reference.SURFACE, Reference.KEEL)
 
-    def rank(name: str) -> tuple[bool, int, int, str]:
+    def rank(name: str) -> tuple[bool, int, int]:
         sounder = content.sounders[name]
-        return pings[name] < _ENOUGH * most, order.index(sounder.reference), -pings[name], name
+        return pings[name] < _ENOUGH * most, order.index(sounder.reference), -pings[name]
 
-    return min(names, key=rank)
+    return min(names, key=rank)  # of equal ones the first in the log
 
 
 def _reasons(content: LogContent) -> str:

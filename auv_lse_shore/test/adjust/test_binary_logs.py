@@ -21,7 +21,7 @@ POLAR_M, HUMMINBIRD_M = 6_356_752.3142, 6_378_388.0
 
 def lowrance(rows, version=2):
     """SL2 or SL3: a primary channel with depths in feet, and a side scan of the same pings."""
-    data = struct.pack("<4H", version, 0, 3200, 0)
+    data = struct.pack("<4H", version, version - 1, 3200, version - 2)  # as in real logs
     for stamp, lat, lon, depth in rows:
         x = round(POLAR_M * np.radians(lon))
         y = round(POLAR_M * np.log(np.tan(np.radians(45.0 + lat / 2.0))))

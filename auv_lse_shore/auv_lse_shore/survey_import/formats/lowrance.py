@@ -26,8 +26,8 @@ def recognizes(file: LogFile) -> bool:
     """Whether it begins with a header and a first frame that states its own position."""
     if len(file.head) < 8 + 144:
         return False
-    kind, version, _, spare = struct.unpack_from("<4H", file.head)
-    return kind in _LAYOUTS and version <= 3 and spare == 0 and struct.unpack_from("<I", file.head, 8)[0] == 8
+    kind, version = struct.unpack_from("<2H", file.head)
+    return kind in _LAYOUTS and version <= 3 and struct.unpack_from("<I", file.head, 8)[0] == 8
 
 
 def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
