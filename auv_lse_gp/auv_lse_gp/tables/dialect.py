@@ -258,8 +258,10 @@ def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
 
 def _number(text: str, decimal_comma: bool) -> float:
     plain = _joined(text.strip())
+    if decimal_comma or not _EITHER[False].fullmatch(plain):  # 2,5 is no thousand, also beside 38.286
+        plain = plain.replace(",", ".")
     try:
-        return float(plain.replace(",", ".") if decimal_comma else plain) if "_" not in text else float("nan")
+        return float(plain) if "_" not in text else float("nan")
     except ValueError:
         return float("nan")
 

@@ -256,7 +256,8 @@ def _pings(log: SurveyLog, times: Array, track: Array, how: Placement) -> Array:
     after = np.searchsorted(times, stamps).clip(0, len(times) - 1)
     before = np.where(times[after] == stamps, after, after - 1)
     placed = (before >= 0) & (times[after] >= stamps) & (times[after] - times[before.clip(0)] <= gap_s)
-    left_out[f"depths without positions within {gap_s:g} s"] += int((within & ~placed).sum())
+    near = f"within {gap_s:g} s" if log.has_time else "in their rows"
+    left_out[f"depths without positions {near}"] += int((within & ~placed).sum())
     use = within & placed & np.isfinite(depths)
     left_out["depths that are no numbers"] += int((within & placed & ~use).sum())
     stamps, depths = stamps[use], depths[use]

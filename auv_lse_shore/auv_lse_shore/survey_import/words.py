@@ -1,5 +1,6 @@
 """What the import prints: what was found, what was left out and why, and what to type next."""
 
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -34,9 +35,17 @@ def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
         yield f"- pings of each second are one sounding: {counted(found.combined, 'ping')}"
     for reason, count in sorted(found.left_out.items()):
         if count:
-            yield f"- left out: {count} {reason}"
+            yield f"- left out: {count:,} {_of_one(reason) if count == 1 else reason}"
     for question in log.questions:
         yield f"- question: {question}"
+
+
+def _of_one(reason: str) -> str:
+    """A reason in the singular: "position that is ..." for "positions that are ..."."""
+    things, *which = reason.split(" that ", 1)
+    verbs = {"are": "is", "have": "has", "repeat": "repeats", "jump": "jumps", "numbers": "number"}
+    said = [" ".join(verbs.get(word, word) for word in text.split(" ")) for text in which]
+    return " that ".join([re.sub(r"s\b", "", things, count=1), *said])
 
 
 def survey_lines(run: RunData, area: SurveyedArea) -> list[str]:

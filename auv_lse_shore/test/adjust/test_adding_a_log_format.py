@@ -33,7 +33,7 @@ def test_a_format_is_one_file(tmp_path):
     assert "Lines of a home-made logger: T, P and D" in said("--help")
     shown = said("a.txt", "--dry-run")
     assert "a.txt: 100 soundings of 100 depths; positions from lines; depths from depth" in shown
-    assert "- left out: 1 lines that are incomplete" in shown
+    assert "- left out: 1 line that is incomplete" in shown
 
 
 def test_a_reader_is_one_short_file():

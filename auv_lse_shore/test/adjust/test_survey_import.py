@@ -148,7 +148,7 @@ def test_what_cannot_be_used_is_left_out_and_counted(tmp_path, capsys):
     printed = capsys.readouterr().out
     for count, reason in (
         (10, "depths of 0 or less: no echo"),
-        (1, "soundings: jump"),
+        (1, "sounding: jump"),
         (1, "positions that jump"),
         (1, "RMC sentences with a wrong checksum (--accept-checksums uses them)"),
         (1, "DBT sentences with a wrong checksum (--accept-checksums uses them)"),

@@ -486,3 +486,20 @@ def test_a_proposal_asks_for_the_water_surface_if_values_may_be_elevations(tmp_p
     with pytest.raises(LogError, match="depth") as shallow:
         gathered(tmp_path, lines(header, lambda t, a, o, d: f"{o:.8f},{a:.8f},{2.0 * (d - 6.0):.3f}"))
     assert "elevations" not in str(shallow.value)
+
+
+def test_what_is_known_of_a_table_without_depths_is_proposed(tmp_path):
+    """Heights on both sides of the surface can be depths or elevations."""
+    data = lines(
+        "", lambda t, a, o, d: f"{2_302_000 + 1e5 * (o - 6.6):.2f},{5_026_000 + 1e5 * (a - 46.5):.2f},{d - 12:.2f}"
+    )
+    with pytest.raises(
+        LogError, match=r"look like: --columns east,north,-; write depth, or elevation with --surface M"
+    ):
+        gathered(tmp_path, data.lstrip("\n"))
+
+
+def test_a_second_column_of_depths_is_named(tmp_path):
+    data = lines("X,Y,Depth.sample,Depth.water", lambda t, a, o, d: f"{o:.8f},{a:.8f},{0.5 * d:.1f},{d:.2f}")
+    with pytest.raises(LogError, match=r"--columns .*,depth,-; depths are perhaps those of Depth\.water instead\.$"):
+        gathered(tmp_path, data)

@@ -420,8 +420,8 @@ def test_absurd_values_are_left_out_and_counted(tmp_path):
     found = gathered(tmp_path, text)
     checked(found)
     said = "\n".join(found.lines)
-    assert "1 depths with a value that marks missing data" in said
-    assert "1 positions that are not on earth" in said
+    assert "1 depth with a value that marks missing data" in said
+    assert "1 position that is not on earth" in said
 
 
 def test_a_log_whose_receiver_counts_1024_weeks_too_many_is_read_with_its_date(tmp_path):

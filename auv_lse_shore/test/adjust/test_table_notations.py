@@ -51,6 +51,18 @@ def test_a_sign_beside_a_hemisphere_counts_once(tmp_path):
     assert len(found.placed[0].soundings) == 120
 
 
+def test_decimal_commas_of_one_column_are_read_beside_decimal_points_of_others(tmp_path):
+    """A logger's depths, joined by a program to its positions."""
+
+    def row(t, a, o, d):
+        return f"{o:.9f};{a:.9f};{f'{d:.2f}'.replace('.', ',')};{utc(t)}"
+
+    with pytest.raises(LogError, match=r"like: --columns lat,lon,depth,datetime, or lon,lat,depth,datetime if"):
+        gathered(tmp_path, lines("", row).lstrip("\n"))
+    found = gathered(tmp_path, lines("", row).lstrip("\n"), "--columns", "lon,lat,depth,utc")
+    checked(found, count=120)
+
+
 @pytest.mark.parametrize(
     ("text", "same"), [("14-Jun-85", "1985-06-14"), ("14-Jun-25", "2025-06-14"), ("1 Jan 80", "1980-01-01")]
 )

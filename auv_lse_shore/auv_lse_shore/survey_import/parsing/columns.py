@@ -15,7 +15,7 @@ from auv_lse_common.support.arrays import Mask
 from auv_lse_gp.tables.column_names import DEPTHS, ROLES, Column, column_of, named_columns
 from auv_lse_gp.tables.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
 from auv_lse_gp.tables.units import ANGLE_UNITS, METRES, OTHER_UNITS, TIME_UNITS, factor_of
-from auv_lse_shore.survey_import.parsing.proposal import proposal
+from auv_lse_shore.survey_import.parsing.proposal import DEPTH_NAME, proposal
 from auv_lse_shore.survey_import.survey_log import LogError
 
 
@@ -188,8 +188,13 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     if not dialect.header and not names and guess == _DEEPER:
         return named_columns(guess)
     if is_complete(named_columns(guess)):
-        others = f"{_or_swapped(dialect, guess, text)}{_or_elevations(dialect, guess, text)}"
+        others = f"{_or_swapped(dialect, guess, text)}{_or_elevations(dialect, guess, text)}{_or_other(dialect, guess)}"
         cure = f"By their values they look like: --columns {','.join(guess)}{others}"
+    elif any({*pair} <= {*guess} for pair in _PAIRS):
+        cure = (
+            f"By their values they look like: --columns {','.join(guess)}; write depth, or elevation with --surface M, "
+            "for the column that holds it"
+        )
     elif _has_positions(dialect.sample):
         cure = "Latitude and longitude are in one cell: write them into columns lat and lon"
     else:
@@ -242,6 +247,13 @@ def _or_swapped(dialect: Dialect, guess: list[str], text: str) -> str:
         return ""
     swap = {"lat": "lon", "lon": "lat"}
     return f", or {','.join(swap.get(name, name) for name in guess)} if longitude comes first"
+
+
+def _or_other(dialect: Dialect, guess: list[str]) -> str:
+    """The other columns whose names are those of depths."""
+    titles = zip(dialect.header, guess, strict=False)
+    others = [title for title, name in titles if name == "-" and DEPTH_NAME.search(title)]
+    return f"; depths are perhaps those of {' or '.join(others)} instead" if others else ""
 
 
 def _or_elevations(dialect: Dialect, guess: list[str], text: str) -> str:

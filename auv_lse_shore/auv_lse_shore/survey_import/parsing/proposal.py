@@ -14,7 +14,8 @@ from auv_lse_shore.survey_import.parsing.times import days, of_day_s
 
 #: What names of columns of heights, and of either depths or heights, contain.
 _HEIGHT_NAME = re.compile("elev|height|h(o|oe|ö)he|quota|cota", re.IGNORECASE)
-_DEPTH_NAME = re.compile(f"dep|sound|tief|prof|bathy|dist|range|{_HEIGHT_NAME.pattern}", re.IGNORECASE)
+DEPTH_NAME = re.compile("dep|sound|tief|prof|bathy", re.IGNORECASE)
+_RANGE_NAME = re.compile(f"{DEPTH_NAME.pattern}|dist|range|{_HEIGHT_NAME.pattern}", re.IGNORECASE)
 #: Roles for which a header is right.
 _NAMED = ("lat", "lon", "quality")
 
@@ -47,13 +48,13 @@ def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
             free, behind = [i for i in free if i not in (a, b)], b
             break
     # depth comes after the position, if it can
-    for i in sorted(free, key=lambda i: (not _DEPTH_NAME.search(header[i]), i < behind, i)) if behind >= 0 else ():
+    for i in sorted(free, key=lambda i: (not _RANGE_NAME.search(header[i]), i < behind, i)) if behind >= 0 else ():
         unit = _unit_of(dialect, i)
         if name := _depth_name(values[i] * METRES.get(unit, 1.0), header[i]):
             names[i] = f"{name}_{unit}".rstrip("_")
             free.remove(i)
             break
-    for i in free if "quality" not in names else ():
+    for i in free if dialect.header and "quality" not in names else ():
         if _is_quality(values[i]) and any(name.startswith("depth") for name in names[:i]):
             names[i] = "quality"
             break
