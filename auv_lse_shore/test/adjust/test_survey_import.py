@@ -149,9 +149,9 @@ def test_what_cannot_be_used_is_left_out_and_counted(tmp_path, capsys):
     for count, reason in (
         (10, "depths of 0 or less: no echo"),
         (1, "sounding: jump"),
-        (1, "positions that jump"),
-        (1, "RMC sentences with a wrong checksum (--accept-checksums uses them)"),
-        (1, "DBT sentences with a wrong checksum (--accept-checksums uses them)"),
+        (1, "position that jumps"),
+        (1, "RMC sentence with a wrong checksum (--accept-checksums uses them)"),
+        (1, "DBT sentence with a wrong checksum (--accept-checksums uses them)"),
     ):
         assert f"left out: {count} {reason}\n" in printed
         assert f"left out: {count} {reason}\n" in (tmp_path / "run/import.md").read_text()
