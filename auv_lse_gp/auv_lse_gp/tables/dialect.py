@@ -210,13 +210,14 @@ def columns_of(
         TableError: naming the first line of a whole table that has other fields.
     """
     rows = fields_of(lines_of(text), dialect.delimiter)
-    rows = itertools.islice(rows, dialect.first, None)
+    for _ in itertools.islice(rows, dialect.first):  # an islice of all would end at the first error
+        pass
     width, all_fields, read = max(wanted) + 1, len(dialect.header) or dialect.width, 0
     while True:
         piece: list[list[str]] = []
         try:
             piece.extend(itertools.islice(rows, _ROWS))
-        except csv.Error as error:  # a quote that is not closed: the line is lost
+        except csv.Error as error:  # a quote that is not closed: what it takes in is lost
             if whole:
                 raise TableError(f"{whole}: {error}. Check its quotes") from error
             if not piece:
@@ -236,6 +237,23 @@ def columns_of(
             piece = [row + [""] * (width - len(row)) for row in piece]
         columns = list(zip(*piece, strict=False))
         yield [list(columns[i]) for i in wanted]
+
+
+def long_lines(text: str) -> list[int]:
+    """Numbers of the lines that are longer than any of a table, and are left out of its rows."""
+    at = 0
+    while at + LONGEST < len(text):  # most texts have none, and need not be divided into lines
+        end = max(text.rfind(sign, at, at + LONGEST) for sign in "\r\n")
+        if end < 0:
+            lines = enumerate(io.StringIO(text, newline=None), 1)
+            return [number for number, line in lines if len(line) > LONGEST and may_hold_values(line)]
+        at = end + 1
+    return []
+
+
+def open_quote(text: str) -> int:
+    """Number of the first line with a quote that goes on in the next line; 1 without one."""
+    return next((number for number, line in enumerate(io.StringIO(text, newline=None), 1) if line.count('"') % 2), 1)
 
 
 def line_of(text: str, dialect: Dialect, row: int) -> tuple[int, str]:

@@ -15,7 +15,16 @@ from auv_lse_common.support.plurals import counted, listed
 from auv_lse_common.support.text import decoded
 from auv_lse_gp.tables.angles import PACKED, degrees_of
 from auv_lse_gp.tables.column_names import Column, named_columns
-from auv_lse_gp.tables.dialect import LONGEST, Dialect, columns_of, dialect_of, fields_of, line_of, may_hold_values
+from auv_lse_gp.tables.dialect import (
+    LONGEST,
+    Dialect,
+    columns_of,
+    dialect_of,
+    fields_of,
+    line_of,
+    may_hold_values,
+    open_quote,
+)
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_gp.tables.units import factor_of
 from auv_lse_gp.tables.values import SAMPLE_LETTERS, TEXT_ROLES, read_values
@@ -58,8 +67,7 @@ class WholeTable:
         has_unit = any(role.startswith("depth_unit") for role in roles)
         values = read_values(self.path, self.text, self.dialect, columns, has_unit, is_whole=True)
         if len(values[roles[0]]) != self.count:
-            lines = enumerate(io.StringIO(self.text, newline=None), 1)
-            number = next((number for number, line in lines if line.count('"') % 2), 1)
+            number = open_quote(self.text)
             raise TableError(f"{self.path}:{number}: a quoted cell goes on in the next line. Remove the quotes")
         for role in roles:
             if role in _SIDES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -476,6 +477,29 @@ def test_rows_of_a_clock_that_stood_still_keep_their_own_positions(tmp_path):
 def test_a_quote_over_two_lines_stays_one_cell(tmp_path):
     found = gathered(tmp_path, 'lat,lon,depth\n46.5,6.6,"5.0\n46.50001,6.6,5.1"\n46.50002,6.6,5.2\n46.50003,6.6,5.3\n')
     assert found.placed[0].soundings[:, 3].tolist() == [5.2, 5.3]
+
+
+def test_lines_that_are_too_long_for_a_row_are_counted_with_their_numbers(tmp_path):
+    rows = TABLES["plain"].splitlines()
+    rows.insert(5, f"{rows[5]},{'x' * 20_000}")
+    rows.insert(9, f"{rows[9]},{'x' * 30_000}")
+    rows.insert(20, f"# {'x' * 30_000}")  # a comment
+    found = gathered(tmp_path, "\n".join(rows))
+    checked(found)
+    assert "- left out: 2 lines of more than 20,000 letters (the first is line 6)" in found.lines
+
+
+@pytest.mark.parametrize("repeated", [1, 300])
+def test_lines_that_an_open_quote_takes_in_are_counted(tmp_path, repeated):
+    """Also if they are more than a cell can hold, and the rows behind them are read."""
+    rows = TABLES["plain"].splitlines()
+    rows[100] = f'"{rows[100]}'
+    found = gathered(tmp_path, "\n".join([*rows, *rows[101:] * repeated]))
+    (line,) = (line for line in found.lines if "quote" in line)
+    count = int(re.fullmatch(r"- left out: (\d+) lines inside a quoted cell \(a quote is open in line 101\)", line)[1])
+    read = int(re.search(r" of ([\d,]+) depths", found.lines[0])[1].replace(",", ""))
+    assert count + read == len(rows) - 1 + 20 * repeated - (repeated == 1)  # where the table ends, a row has no time
+    assert count == 40 if repeated == 1 else count < 3000 < read
 
 
 def test_a_column_without_a_number_is_part_of_no_proposal(tmp_path):

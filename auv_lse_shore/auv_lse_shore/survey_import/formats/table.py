@@ -70,6 +70,7 @@ def _contents(
     if not table.count:
         raise LogError(f"{file.path} has a header and no rows of values.")
     shared = LogContent(file.path.name)
+    shared.left_out.update(dict(tv.lines_left_out(text, dialect, table.count)))
     shared.notes += tv.unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     rows = tv.rows_of(table, options, shared)
     if not options.columns and (unused := unused_columns(dialect.header, columns, table.dated_by)):
