@@ -15,7 +15,7 @@ from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
-from auv_lse_common.vocabulary.frames import unwrapped_deg
+from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 from auv_lse_gp.soundings import FAR_M, is_far, local_positions
 from auv_lse_gp.soundings_table import SoundingsTable, read_table
 from auv_lse_sim.ground.band_meaning import text_says_up
@@ -74,7 +74,7 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
 def _xyz_ground(
     path: Path, table: SoundingsTable, config: BathymetryConfig, origin: tuple[float, float] | None
 ) -> GridGround:
-    """Ground from XYZ text; x, y are longitude, latitude if they can be, else metres, which count from their middle."""
+    """Ground from XYZ text; x, y are degrees if they can be, else metres, which count from their middle."""
     assert table.north_m is not None
     assert table.east_m is not None
     unknown = np.isnan(table.values)
@@ -86,20 +86,40 @@ def _xyz_ground(
     north, east, depth = table.north_m[kept], table.east_m[kept], depth[np.isfinite(depth)]
     if not len(depth):
         raise GroundError(f"{path} has no point with a depth")
-    is_geodetic = bool((np.abs(east) <= 360.0).all() and (np.abs(north) <= 90.0).all() and np.ptp(north) < 10.0)
-    if is_geodetic and np.ptp(unwrapped_deg(east)) < 10.0:
-        degrees = dataclasses.replace(table, north_m=None, east_m=None, lat_deg=north, lon_deg=unwrapped_deg(east))
-        locations = local_positions(degrees, origin)
+    if degrees := _degrees_of(table, north, east, origin):
+        lat, lon, order = degrees
+        locations = local_positions(
+            dataclasses.replace(table, north_m=None, east_m=None, lat_deg=lat, lon_deg=lon), origin
+        )
         assert locations.origin is not None
-        check_near(path, locations.north_m, locations.east_m, north, unwrapped_deg(east), locations.origin)
+        check_near(path, locations.north_m, locations.east_m, lat, lon, locations.origin)
         north, east, origin = locations.north_m, locations.east_m, locations.origin
-        notes.append("x, y taken as longitude, latitude")
+        notes.append(f"x, y taken as {order}")
     elif is_far(north, east):
         middle = float(np.median(east)), float(np.median(north))
         north, east, origin = north - middle[1], east - middle[0], None
         notes.append(f"no projection given: local origin put at its {middle[0]:.1f}, {middle[1]:.1f}")
     _check_together(lambda k: table.file.where(kept[k]), north, east)
     return grid_soundings(north, east, depth, config, name=path.name, origin=origin, notes=tuple(notes))
+
+
+def _degrees_of(
+    table: SoundingsTable, north: Array, east: Array, origin: tuple[float, float] | None
+) -> tuple[Array, Array, str] | None:
+    """Latitudes, longitudes (deg) and their order in XYZ text; None if they can be none.
+
+    Latitudes come first only if they are not named as longitudes, and the other order is impossible or far from the
+    `origin`.
+    """
+    orders = [(north, unwrapped_deg(east), "longitude, latitude"), (east, unwrapped_deg(north), "latitude, longitude")]
+    possible = [
+        (lat, lon, order)
+        for lat, lon, order in orders[: 1 if table.file.columns["east"].role == "lon" else 2]
+        if (np.abs(lat) <= 90.0).all() and (np.abs(lon) <= 360.0).all() and max(np.ptp(lat), np.ptp(lon)) < 10.0
+    ]
+    if origin is not None:
+        possible = [p for p in possible if not is_far(*local_from_geodetic(p[0], p[1], *origin))] or possible
+    return possible[0] if possible else None
 
 
 def _check_together(where: Callable[[int], str], north: Array, east: Array) -> None:

@@ -284,6 +284,32 @@ def test_xyz_names_its_columns_or_has_longitudes_first(tmp_path, head, row):
     assert ("columns not used: remark" in ground.describe()) is ("remark" in head)
 
 
+@pytest.mark.parametrize(
+    ("at", "origin", "order"),
+    [
+        ((35.1, 139.3), None, "latitude, longitude"),  # a latitude of 139 deg is none
+        ((47.5, 9.3), (47.5, 9.3), "latitude, longitude"),  # the other order is thousands of km from the area
+        ((47.5, 9.3), (9.3, 47.5), "longitude, latitude"),
+        ((47.5, 9.3), None, "longitude, latitude"),
+        ((45.1, 45.1), (45.1, 45.1), "longitude, latitude"),
+    ],
+)
+def test_latitudes_come_first_in_xyz_where_only_that_is_possible(tmp_path, at, origin, order):
+    north, east = np.meshgrid(AXIS, AXIS, indexing="ij")
+    lat, lon = geodetic_from_local(north, east, *at)
+    rows = [f"{a:.8f} {o:.8f} {z:.3f}" for a, o, z in zip(lat.flat, lon.flat, DEPTH[::-1].flat, strict=True)]
+    (tmp_path / "g.xyz").write_text("\n".join(rows))
+    config = BathymetryConfig(smoothing_m=0.0, depth_sign="down")
+    ground = load_ground(tmp_path / "g.xyz", config, origin)
+    assert f"x, y taken as {order}" in ground.describe()
+    if order == "latitude, longitude":
+        check_bottom(ground, offset=(0.0, 0.0) if origin else (200.0, 200.0), tolerance=0.5)
+    (tmp_path / "g.xyz").write_text("\n".join(["# lon lat depth", *rows]))  # a name counts
+    if origin is not None and order == "latitude, longitude":
+        with pytest.raises(GroundError, match="Change the origin"):
+            load_ground(tmp_path / "g.xyz", config, origin)
+
+
 def test_an_unknown_value_of_xyz_is_left_out_and_a_wrong_one_refused(tmp_path):
     rows = [f"{10 * (i % 7)} {10 * (i // 7)} {i % 3}" for i in range(60)]
     for cell in ("nan", "-9999"):
