@@ -1,6 +1,7 @@
 """The features of an area file: polygons, lines and points with the text that states their purpose."""
 
 import re
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -52,7 +53,8 @@ def is_resource_fork(name: str) -> bool:
 
 
 def words(text: str) -> str:
-    """Text in lower case with its words separated by single blanks: 'NoGo_1' becomes 'no go 1'."""
+    """Text in lower case, without accents, its words separated by single blanks: 'NoGo_Île1' becomes 'no go ile 1'."""
+    text = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
     return re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower().strip()
 
 

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature, is_resource_fork, line_of, named_feature, ring_of
-from auv_lse_shore.areas.roles import is_no_go_title
+from auv_lse_shore.areas.role_words import is_no_go_title
 from auv_lse_shore.areas.xml_tree import read_xml, text_of
 
 #: Features without a geometry of their own.

@@ -15,43 +15,14 @@ from auv_lse_common.mission_file.degrees import NAMING, AreaContent, add_no_go, 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import unwrapped_deg
-from auv_lse_shore.areas.features import Feature, words
+from auv_lse_shore.areas.features import Feature
 from auv_lse_shore.areas.outline import outline
+from auv_lse_shore.areas.role_words import stated_role, states_keep_out
 
 #: Largest extent (deg) of everything in a file: beyond it a flat map is wrong, or coordinates are swapped.
 MAX_EXTENT_DEG = 2.0
 #: Largest number of rings in a file; those of an area have at most 2,000 corners together.
 MAX_RINGS = 700
-#: Words that define a role, as `words` separates them; the first role that matches counts.
-_KEEP_OUT = (
-    r"no ?go|no ?entry|exclu(?:sion|sive|de|ded)|keep ?(?:out|away|clear)|stay out|off limits|do not enter"
-    r"|sperr\w*|verbot\w*|verboden|interdi\w*|prohibid\w*|proibid\w*|vietat\w*|förbjud\w*|forbud\w*"
-)
-#: These are no-go areas, too, but may be a part of a lake's name.
-_RISKS = r"avoid|forbidden|prohibited|restricted|dangers?|dangerous|hazards?"
-_OBJECTS = r"obstacles?|obstructions?|islands?|islets?"
-#: Waters that are called after them.
-_NAMED_WATERS = r"(?: (?:lakes?|reservoir|ponds?|loch|lough|lagoon|tarn|meer|see)\b)"
-_ROLES = {
-    "no_go": re.compile(rf"\b(?:(?:{_KEEP_OUT})|(?:{_RISKS}|{_OBJECTS})(?!{_NAMED_WATERS}))\b"),
-    "start": re.compile(r"\b(start|launch)\b"),
-    "recovery": re.compile(r"\b(recovery|rally|pick ?up|home)\b"),
-    "shore": re.compile(r"\b(shore|shoreline|coastline)\b"),
-    "area": re.compile(r"\b(area|survey|operating|boundary|perimeter|inclu(sion|sive|de|ded)|geofence)\b"),
-}
-_ZONES = r"(?:zones?|areas?|polygons?|waters)"
-#: Titles of documents that hold no-go areas and nothing else.
-_NO_GO_TITLE = re.compile(
-    rf"(?!.*\b(?:and|und|et|with|plus|survey|mission|operating|boundary|perimeter|incl|inclu\w*|geofence|start"
-    rf"|launch|recovery)\b)"
-    rf"(?:.*\b(?:{_KEEP_OUT})\b.*|.*\b(?:{_RISKS}) {_ZONES}\b.*"
-    rf"|(?:{_RISKS}|{_OBJECTS})(?: {_ZONES})?(?: \d+)?(?: km[lz])?(?: \d+)?)"
-)
-
-
-def is_no_go_title(text: str) -> bool:
-    """Whether a document states by its title that it holds only no-go areas: lakes are called after islands, too."""
-    return _NO_GO_TITLE.fullmatch(words(text)) is not None
 
 
 def content_of(features: Sequence[Feature], where: str) -> AreaContent:
@@ -177,18 +148,13 @@ def _checked(ring: Array, feature: Feature, where: str) -> Array:
     return checked(ring, f"{where}: {feature.name or _kind(feature)!r}")
 
 
-def _stated(text: str) -> str:
-    """The role that a text states; "" if none."""
-    return next((role for role, pattern in _ROLES.items() if pattern.search(words(text))), "")
-
-
 def _role(feature: Feature, where: str) -> str:
-    """The role of a feature: one of `_ROLES`, or "" if nothing states it."""
-    by_property = _stated(" ".join((feature.role_text, *feature.flags)))
-    by_name, by_folder, elsewhere = (_stated(t) for t in (feature.name, feature.folder, feature.other_text))
+    """The role of a feature, as `stated_role`, or "" if nothing states it."""
+    by_property = stated_role(" ".join((feature.role_text, *feature.flags)))
+    by_name, by_folder, elsewhere = (stated_role(t) for t in (feature.name, feature.folder, feature.other_text))
     role = by_property or by_name or by_folder
     unclear = by_property and by_name == "no_go" and role != "no_go"
-    may_be_no_go = elsewhere == "no_go" or re.search(rf"\b(?:{_KEEP_OUT})\b", feature.other_keys) is not None
+    may_be_no_go = elsewhere == "no_go" or states_keep_out(feature.other_keys)
     if _encloses(feature) and (unclear or (may_be_no_go and role not in ("no_go", "area", "shore"))):
         text = " ".join((feature.role_text, *feature.flags, feature.other_keys, feature.other_text)).strip()
         what = f"the {'polygon' if feature.rings else 'line'} {feature.name!r} with {text[:120]!r}"

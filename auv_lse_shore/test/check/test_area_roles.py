@@ -95,6 +95,30 @@ def test_a_ring_without_a_polygon_is_used(tmp_path):
         {"name": "zone interdite"},
         {"name": "zona prohibida"},
         {"name": "do not enter"},
+        {"name": "rocks"},
+        {"name": "MPA closed area"},
+        {"name": "exclusion"},
+        {"name": "keep out"},
+        {"name": "Sperrgebiet"},
+        {"name": "Gesperrter Bereich"},
+        {"name": "Insel"},
+        {"name": "INSELN 2"},
+        {"name": "Felsen"},
+        {"name": "Île"},
+        {"name": "i\u0302le"},
+        {"name": "les îlots"},
+        {"name": "rochers"},
+        {"name": "zone fermée"},
+        {"name": "Isla"},
+        {"name": "obstáculo"},
+        {"name": "zona de exclusión"},
+        {"name": "Isola"},
+        {"name": "scogli"},
+        {"name": "ilha"},
+        {"name": "área de exclusão"},
+        {"name": "eiland"},
+        {"name": "forbjudet område"},
+        {"name": "förbjudet område"},
     ],
 )
 def test_a_no_go_area_is_recognized_however_it_is_written(tmp_path, known):
@@ -129,6 +153,9 @@ def test_a_zone_that_may_be_either_is_refused(tmp_path, known, kind, positions):
         {"name": "Bay", "role": "area", "note": "avoid the island"},
         {"name": "Home lake"},
         {"name": "Bay", "islands": 3, "no_go": "N"},
+        {"name": "Inselsee"},
+        {"name": "Rocky Bay"},
+        {"name": "track", "geometry": "closed", "closed": True},
     ],
 )
 def test_an_area_may_mention_other_things(tmp_path, known):
@@ -136,12 +163,12 @@ def test_an_area_may_mention_other_things(tmp_path, known):
 
 
 def test_an_unnamed_zone_beside_a_given_area_is_refused(tmp_path):
-    geojson(tmp_path / "a.geojson", ({"name": "Felsen"}, "Polygon", [ISLANDS[0]]))
-    with pytest.raises(ParameterError, match=r"polygon_m is given, but the polygon 'Felsen' .*Name a polygon 'no-go"):
+    geojson(tmp_path / "a.geojson", ({"name": "Zone 7"}, "Polygon", [ISLANDS[0]]))
+    with pytest.raises(ParameterError, match=r"polygon_m is given, but the polygon 'Zone 7' .*Name a polygon 'no-go"):
         read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"), read_area)
-    geojson(tmp_path / "a.geojson", ({"name": "no-go Felsen"}, "Polygon", [ISLANDS[0]]))
+    geojson(tmp_path / "a.geojson", ({"name": "no-go Zone 7"}, "Polygon", [ISLANDS[0]]))
     read = read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"), read_area)
-    assert list(read["/**"]["area"]["no_go"]) == ["no_go_felsen"]
+    assert list(read["/**"]["area"]["no_go"]) == ["no_go_zone_7"]
 
 
 def test_an_area_in_degrees_beside_a_file_is_refused(tmp_path):
@@ -184,7 +211,18 @@ def test_a_closed_line_is_a_no_go_area_and_its_holes_are_listed(tmp_path):
     assert positions.ignored == ["hole 1 of no-go area no-go bay", "nothing"]
 
 
-@pytest.mark.parametrize("name", ["Forbidden Lake", "Small Island Lake", "Danger Reservoir", "Hazard pond 2025"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Forbidden Lake",
+        "Small Island Lake",
+        "Danger Reservoir",
+        "Hazard pond 2025",
+        "Lac de l'Île",
+        "Lago Isola 2",
+        "Lake of the Isles",
+    ],
+)
 def test_a_lake_may_be_called_after_islands_and_dangers(tmp_path, name):
     known = ({"name": "island"}, "Polygon", [ISLANDS[0]])
     path = geojson(tmp_path / "a.geojson", ({"name": name}, "Polygon", [LAKE]), known)
