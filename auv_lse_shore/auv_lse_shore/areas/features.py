@@ -14,8 +14,9 @@ from auv_lse_common.support.arrays import Array
 #: Properties that state what a feature is, most explicit first, and those that name it; capitals do not count.
 _ROLE_KEYS = ("role", "type", "kind", "class", "category", "zone", "use", "usage")
 _NAME_KEYS = ("name", "title", "label", "id")
-_TRUE = ("true", "yes", "y", "t", "x", "on", "1", "1.0", "ja", "oui", "si", "sí")
-_FALSE = ("false", "no", "n", "f", "off", "0", "0.0", "nein", "non")
+#: What stands for true and false.
+TRUE = ("true", "yes", "y", "t", "x", "on", "1", "1.0", "ja", "oui", "si", "sí")
+FALSE = ("false", "no", "n", "f", "off", "0", "0.0", "nein", "non")
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,9 @@ def named_feature(properties: Mapping[str, Any], folder: str = "") -> Feature:
     for key, value in properties.items():
         word = words(str(key))
         text = "" if value is None else str(value).strip()
-        if text.lower() in _TRUE and word not in _NAME_KEYS:
+        if text.lower() in TRUE and word not in _NAME_KEYS:
             flags.append(word)
-        elif text.lower() in _FALSE and word not in _NAME_KEYS:
+        elif text.lower() in FALSE and word not in _NAME_KEYS:
             flags += ["exclusion"] if word.startswith("inclu") else []
         elif isinstance(value, str | int | float) and text:
             said[word] = text

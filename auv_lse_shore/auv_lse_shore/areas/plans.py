@@ -1,6 +1,7 @@
 """Plans and fences of QGroundControl (.plan) and Mission Planner (.waypoints, .poly, .fen, .ral)."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -10,12 +11,14 @@ import numpy as np
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import geodetic_from_local
-from auv_lse_shore.areas.features import Feature, ring_of
+from auv_lse_shore.areas.features import FALSE, TRUE, Feature, ring_of
 
 #: Corners of the polygon that stands for a circle.
 _CIRCLE_CORNERS = 36
 #: The role of a fence that vehicles stay inside; `roles` prefers a survey inside it.
 _INSIDE = "inclusion fence"
+#: Numbers with commas and without points: of a line with more than two, they are decimals.
+_DECIMAL_COMMAS = re.compile(r"[+-]?\d+(?:,[+-]?\d+)+[,;]?")
 #: MAV_CMD_NAV_FENCE_* and rally points in a waypoint file.
 _FENCE_RETURN, _POLYGON_IN, _POLYGON_OUT, _CIRCLE_IN, _CIRCLE_OUT, _RALLY = 5000, 5001, 5002, 5003, 5004, 5100
 
@@ -29,13 +32,13 @@ def qgc_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
     """
     fence = data.get("geoFence") or {}
     for number, polygon in enumerate(fence.get("polygons") or (), 1):
-        yield _fence(f"fence {number}", bool(polygon.get("inclusion", True)), _ring(polygon["polygon"]))
+        yield _fence(f"fence {number}", _is_inside(polygon, where), _ring(polygon["polygon"]))
     if fence.get("polygon"):  # plans of version 1
         yield _fence("fence", True, _ring(fence["polygon"]))
     for number, entry in enumerate(fence.get("circles") or (), 1):
         circle = entry["circle"]
         latitude, longitude = (float(v) for v in circle["center"][:2])
-        inside = bool(entry.get("inclusion", True))
+        inside = _is_inside(entry, where)
         ring = _circle(latitude, longitude, float(circle["radius"]), f"{where}: fence circle {number}", inside)
         yield _fence(f"circle {number}", inside, ring)
     if fence.get("breachReturn"):
@@ -44,6 +47,14 @@ def qgc_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
         name = "recovery" if number == 1 else f"further point {number}"
         yield Feature(name, point=(float(point[0]), float(point[1])))
     yield from _mission_items((data.get("mission") or {}).get("items") or ())
+
+
+def _is_inside(fence: Mapping[str, Any], where: str) -> bool:
+    """Whether vehicles stay inside a fence, and not outside."""
+    stated = fence.get("inclusion", True)
+    if (text := str(stated).lower()) not in (*TRUE, *FALSE):
+        raise ParameterError(f"{where}: inclusion is {stated!r}; write true or false")
+    return text in TRUE
 
 
 def _mission_items(items: Sequence[Mapping[str, Any]]) -> Iterator[Feature]:
@@ -132,9 +143,14 @@ def corner_list_features(text: str, where: str, suffix: str) -> Iterator[Feature
     """
     corners: list[tuple[float, float]] = []
     for number, line in enumerate(text.splitlines(), 1):
-        fields = line.replace("RALLY", "").replace(",", " ").split()
+        parts = line.replace("RALLY", "").split()
+        fields = " ".join(parts).replace(",", " ").split()
         if not fields or line.startswith("#"):
             continue
+        if len(fields) > 2 and any(map(_DECIMAL_COMMAS.fullmatch, parts[:2])):
+            raise ParameterError(
+                f"{where}:{number}: {line.strip()[:80]!r} has decimal commas; write decimal points, such as 46.5 6.6"
+            )
         try:
             latitude, longitude = float(fields[0]), float(fields[1])
         except (IndexError, ValueError):

@@ -507,6 +507,40 @@ def test_corner_lists_of_mission_planner_are_the_area(tmp_path, name, first):
     np.testing.assert_array_equal(content.area, AREA)
 
 
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("a.poly", "47,302 8,504"),
+        ("a.poly", "47,302, 8,504"),
+        ("a.poly", "47,302,8,504"),
+        ("a.fen", "47.302 8,504"),
+        ("a.ral", "RALLY 47,302 8,504 100 40 0 0"),
+    ],
+)
+def test_decimal_commas_of_mission_planner_are_refused(tmp_path, name, line):
+    with pytest.raises(
+        ParameterError, match=r"a\.\w+:2: .* has decimal commas; write decimal points, such as 46\.5 6\.6"
+    ):
+        read(tmp_path, f"#saved\n{line}\n", name)
+
+
+@pytest.mark.parametrize("line", ["47.302,8.504", "47.302, 8.504, 100", "47.302 8.504 100,0", "47,8"])
+def test_commas_between_numbers_of_mission_planner_separate_them(tmp_path, line):
+    content = read(tmp_path, f"{line}\n47.302 8.505\n47.303 8.505\n", "a.poly")
+    assert content.area[0].tolist() == ([47.0, 8.0] if line == "47,8" else [47.302, 8.504])
+
+
+@pytest.mark.parametrize(("stated", "is_inside"), [("false", False), ("true", True), (0, False), (False, False)])
+@pytest.mark.parametrize("kind", ["polygons", "circles"])
+def test_whether_a_fence_is_an_inclusion_may_be_a_text(tmp_path, stated, is_inside, kind):
+    shape = {"polygon": FENCE} if kind == "polygons" else {"circle": {"center": [47.304, 8.505], "radius": 200.0}}
+    content = read(tmp_path, json.dumps({"geoFence": {kind: [{**shape, "inclusion": stated}]}}), "a.plan")
+    assert (content.area is not None) == is_inside
+    assert bool(content.no_go) != is_inside
+    with pytest.raises(ParameterError, match=r"inclusion is 'maybe'; write true or false"):
+        read(tmp_path, json.dumps({"geoFence": {kind: [{**shape, "inclusion": "maybe"}]}}), "a.plan")
+
+
 def random_zones(rng):
     """One area and other zones, each (name, rings): the outer ring and 0 to 3 holes."""
     names = ["Bay", *rng.choice(["no-go", "NoGo_1", "island", "shore", "Exclusion"], rng.integers(0, 8))]

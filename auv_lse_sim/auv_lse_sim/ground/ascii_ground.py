@@ -49,8 +49,12 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
         f"{axis}ll{'center' if f'{axis}llcenter' in header and f'{axis}llcorner' not in header else 'corner'}"
         for axis in "xy"
     )
-    header.setdefault("dx", header.get("cellsize", math.nan))
-    header.setdefault("dy", header.get("cellsize", math.nan))
+    cell = header.get("cellsize", math.nan)
+    for key in ("dx", "dy"):
+        if header.setdefault(key, cell) != cell and "cellsize" in header:
+            raise GroundError(
+                f"{path}: its header has cellsize {cell:g} and {key} {header[key]:g}. Leave the right one"
+            )
     for key in ("ncols", "nrows", x_name, y_name, "dx", "dy"):
         if math.isnan(header.get(key, math.nan)):
             missing = "cellsize, or dx and dy" if key in ("dx", "dy") else key
@@ -95,9 +99,12 @@ def _read_header_line(fields: list[str], header: dict[str, float], where: str) -
     key = fields[0].lower()
     try:
         (value,) = fields[1:]
-        header[key] = float(value.replace(",", "."))
+        number = float(value.replace(",", "."))
     except ValueError:
         raise GroundError(f"{where} is not a header line. Write a name and a number") from None
+    if key in header and header[key] != number:
+        raise GroundError(f"{where}: {key} was {header[key]:g} above. Leave the right one")
+    header[key] = number
     if key in ("ncols", "nrows") and not (header[key].is_integer() and header[key] >= 2):
         raise GroundError(f"{where}: write a whole number of at least 2")
     if not (math.isfinite(header[key]) or key == "nodata_value"):

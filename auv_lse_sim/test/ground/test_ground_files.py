@@ -50,6 +50,12 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         ("a.pdf", "x", r"files ending in '\.pdf' cannot be read; use one of \.csv"),
         ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x' is not a header line"),
         ("a.asc", "ncols 2\nnrows 2\ncellsize 15 10\n", r"a\.asc:3: 'cellsize 15 10' is not a header line"),
+        (
+            "a.asc",
+            "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\ndy 15\n1 2\n3 4\n",
+            r"a\.asc: its header has cellsize 10 and dy 15\. Leave the right one",
+        ),
+        ("a.asc", "ncols 2\nnrows 2\nncols 3\n", r"a\.asc:3: 'ncols 3': ncols was 2 above\. Leave the right one"),
         ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\n1 2\n3 4\n", r"but no cellsize, or dx and dy"),
         (
             "a.asc",
