@@ -49,7 +49,7 @@ def test_hemispheres_midnight_units_and_offsets(tmp_path):
     lat, lon = geodetic_from_local(np.arange(60.0), np.zeros(60), -33.5, -70.25)
     rows = np.column_stack([START_S - START_S % DAY_S + DAY_S - 30 + np.arange(60), lat, lon, np.full(60, 5.0)])
     text = "".join(line for line in nmea(rows).splitlines(keepends=True) if "RMC" not in line)  # no date
-    content = content_of(tmp_path, "2026-05-03T23:59:59 " + text.replace("\r\n", "\r\n2026 "))
+    content = content_of(tmp_path, "23:59:59 " + text.replace("\r\n", "\r\n2026 "))
     positions = content.positions["GPGGA"]
     assert content.clock is Clock.DAY
     assert np.diff(positions[:, 0]) == pytest.approx(1.0)
@@ -197,6 +197,51 @@ def test_a_log_without_dates_asks_for_them(tmp_path):
     assert "times of day and no date: --date 2026-06-14 gives it" in gathered(tmp_path, text).lines[-1]
     soundings, _ = soundings_of(tmp_path, text, "--date", "2026-05-03")
     assert soundings[0, 0] == START_S
+
+
+def stamped(text, form, ahead_s=0.0):
+    """Sentences without RMC, each behind the time of a logger."""
+    found = []
+    for k, line in enumerate(line for line in text.splitlines(keepends=True) if "RMC" not in line):
+        moment = np.datetime64(round(1e3 * (START_S + ahead_s + k // 2)) + 123, "ms").astype("O")
+        found.append(f"{moment:{form}}{line}")
+    return "".join(found)
+
+
+@pytest.mark.parametrize(
+    ("form", "ahead_s"),
+    [
+        ("%Y-%m-%dT%H:%M:%S.%fZ ", 0.0),
+        ("%Y-%m-%dT%H:%M:%S.%fZ,", 0.0),
+        ("%Y-%m-%d %H:%M:%S;", 0.0),
+        ("%Y-%m-%dT%H:%M:%S\t", 39_600.0),  # a local clock
+        ("%Y-%m-%dT%H:%M:%S+11:00 ", 39_600.0),
+        ("%Y/%m/%d %H:%M:%S,%f ", -36_000.0),
+        ("[%Y-%m-%d %H:%M:%S.%f] ", 3_600.0),
+    ],
+)
+def test_the_time_of_a_logger_before_each_sentence_gives_the_date(tmp_path, form, ahead_s):
+    rows = survey()[:60]
+    soundings, error = soundings_of(tmp_path, stamped(nmea(rows), form, ahead_s))
+    assert soundings[0, 0] == START_S
+    assert len(soundings) == 60
+    assert np.abs(error).max() < 0.02
+    found = gathered(tmp_path, stamped(nmea(rows), form, ahead_s))
+    assert "the date is that of the times before the sentences" in found.lines[0]
+    assert not any("--date" in line for line in found.lines)
+
+
+def test_dates_of_the_receiver_count_more_than_those_of_a_logger(tmp_path):
+    """Before midnight, at midnight, and with RMC or ZDA a day apart from the logger's clock."""
+    night = nmea([(t + 50_385.0, *rest) for t, *rest in survey()[:60]])
+    soundings, _ = soundings_of(tmp_path, stamped(night, "%Y-%m-%dT%H:%M:%SZ ", 50_385.0))
+    assert soundings[[0, -1], 0] == pytest.approx([START_S + 50_385.0, START_S + 50_444.0], abs=0.1)
+    plain = nmea(survey()[:60])
+    late = stamped(plain, "%Y-%m-%dT%H:%M:%SZ ", 86_400.0)
+    for dated in (plain.splitlines(keepends=True)[0], sentence("GPZDA,100000.00,03,05,2026,00,00")):
+        found = gathered(tmp_path, late.replace("\n", f"\n{dated}", 1))
+        assert found.placed[0].soundings[0, 0] == START_S
+        assert "times before" not in found.lines[0]
 
 
 def test_a_lost_count_of_weeks_is_found_and_corrected(tmp_path):

@@ -1,5 +1,6 @@
 """Finds NMEA 0183 sentences in bytes, and reads their fields as columns."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array, Ints, Mask
+from auv_lse_shore.survey_import.parsing.times import datetimes
 
 #: Fields as bytes, shape (n,).
 Cells = NDArray[np.bytes_]
@@ -22,6 +24,11 @@ _IS_NAME[np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789", dtype=np.uint8)]
 _IS_END = np.zeros(256, dtype=bool)
 _IS_END[np.frombuffer(b"$!*\r\n\0", dtype=np.uint8)] = True
 _WHOLE_ENDS = np.frombuffer(b"*\r\n", dtype=np.uint8)
+#: A date and a time before a sentence, such as "2026-06-14T10:00:00.5Z,", and most bytes of it.
+_MOMENT = re.compile(
+    rb"(?<!\d)(\d{4}[-/]\d\d[-/]\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d(?::?\d\d)?)?)[^\w\r\n]{1,4}$"
+)
+_WIDEST_MOMENT = 40
 
 
 class Sentences:
@@ -70,6 +77,20 @@ class Sentences:
     def are_cut(self) -> Mask:
         """Whether each sentence ends before its checksum and its line do, shape (n,): digits may be missing."""
         return ~np.isin(self._data[self._ends], _WHOLE_ENDS)
+
+    def days_before(self, rows: Ints, of_day_s: Array) -> Array:
+        """Days since 1970, shape (n,), of some sentences with times of day: NaN where a logger wrote no moment before.
+
+        The logger's clock may be local: the day is that on which the time of day is nearest to the moment.
+        """
+        texts = [
+            found[1].decode() if (found := _MOMENT.search(bytes(self._data[max(at - _WIDEST_MOMENT, 0) : at]))) else ""
+            for at in self.positions[rows].tolist()
+        ]
+        if not any(texts):
+            return np.full(len(rows), np.nan)
+        found_days: Array = np.round((datetimes(texts, None)[0] - of_day_s) / 86_400.0)
+        return found_days
 
     def cells(self, rows: Ints, number: int, width: int = _WIDTH) -> Cells:
         """A field (0, 1, ...) of some sentences; b"" where it is missing, b"?" where it is too long."""

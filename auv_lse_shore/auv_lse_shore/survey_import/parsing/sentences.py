@@ -1,8 +1,8 @@
 """Reads NMEA 0183 sentences in any stream of bytes: positions, dates and depths.
 
 Depth sentences have no time. Several of them between two times are spread over the interval in the order of their
-arrival, so that a boat that moves on between slow positions is not put where it was. Dates come from RMC with a fix, or
-else from ZDA; each time of day gets the date that is nearest to it.
+arrival, so that a boat that moves on between slow positions is not put where it was. Dates come from RMC with a fix,
+else from ZDA, or else from what a logger wrote before the sentences; each time of day gets the date that is nearest.
 """
 
 import math
@@ -34,6 +34,8 @@ _REFERENCES = {"DPT": Reference.TRANSDUCER, "DBT": Reference.TRANSDUCER, "DBS": 
 #: Qualities of GGA that are no measurement: no fix, estimated, typed in. Modes of others that are none.
 _NO_GGA, _NO_MODE, _NO_GNS = (b"0", b"6", b"7", b""), (b"E", b"N", b"M"), b"NEMS"
 _NUMBER = re.compile(rb"\s*[+-]?\d+\.?\d*")
+#: Ranks of the sources of dates.
+_OF_LOGGER, _OF_ZDA, _OF_RMC = 0.0, 1.0, 2.0
 #: A clock that goes back by more than this (s) has begun another day or another dive; less is disorder of talkers.
 _BACK_S = 60.0
 #: Depths of a transducer (m) that differ by less are the same.
@@ -46,12 +48,15 @@ Arrivals = Callable[[Ints], Array]
 
 
 class _Timed(NamedTuple):
-    """What sentences with a time of day hold, as columns; NaN where a sentence has none."""
+    """What sentences with a time of day hold, as columns; NaN where a sentence has none.
+
+    `rank` is that of the day's source: only the days of the best one count.
+    """
 
     arrival: list[Array]
     of_day_s: list[Array]
     day: list[Array]
-    is_rmc: list[Array]
+    rank: list[Array]
 
 
 class SentenceReader:
@@ -130,9 +135,11 @@ class SentenceReader:
         good = timed & (~is_fix | (np.isfinite(latitudes) & np.isfinite(longitudes)))
         self._incomplete(kind, int((~good).sum()))
         self._content.left_out[NO_FIX] += int((good & ~is_fix).sum())
-        dates = days(found.cells(rows, 8)) if kind == "RMC" else np.full(len(rows), np.nan)
+        is_rmc = kind == "RMC"
+        dates = days(found.cells(rows, 8)) if is_rmc else found.days_before(rows, seconds)
         dates = np.where(is_fix, dates, np.nan)
-        self._add_times(np.column_stack([at, seconds, dates, np.isfinite(dates)])[timed & ~no_clock])
+        ranks = np.full(len(rows), _OF_RMC if is_rmc else _OF_LOGGER)
+        self._add_times(np.column_stack([at, seconds, dates, ranks])[timed & ~no_clock])
         table = np.column_stack([at, seconds, latitudes, longitudes])[good & is_fix]
         self._positions.setdefault(source, array("d")).frombytes(table.tobytes())
         flags: Array = np.where(timed, is_fix, np.nan)
@@ -147,7 +154,7 @@ class SentenceReader:
         seconds = of_day_s(found.cells(rows, 0))
         date = [found.numbers(rows, number) for number in (3, 2, 1)]
         dates = np.array([day_of(*ymd) for ymd in zip(*(column.tolist() for column in date), strict=True)])
-        table = np.column_stack([at[rows], seconds, np.where(has_fix, dates, np.nan), np.zeros(len(rows))])
+        table = np.column_stack([at[rows], seconds, np.where(has_fix, dates, np.nan), np.full(len(rows), _OF_ZDA)])
         self._incomplete("ZDA", int((~np.isfinite(seconds)).sum()))
         self._add_times(table[np.isfinite(seconds)])
 
@@ -158,15 +165,18 @@ class SentenceReader:
     def finish(self) -> None:
         """Adds the positions and depths, with their times, to the content."""
         content = self._content
-        arrival, of_day, day, is_rmc = (np.concatenate([np.empty(0), *column]) for column in self._timed)
+        arrival, of_day, day, rank = (np.concatenate([np.empty(0), *column]) for column in self._timed)
         order = np.argsort(arrival, kind="stable")
-        arrival, of_day, day, is_rmc = arrival[order], of_day[order], day[order], is_rmc[order]
+        arrival, of_day, day, rank = arrival[order], of_day[order], day[order], rank[order]
         if not len(arrival):
             content.clock, self._clock = Clock.NONE, (np.empty(0), np.empty(0))
         else:
-            if is_rmc.any():
-                day = np.where(is_rmc > 0.0, day, np.nan)
-            content.clock = Clock.UTC if np.isfinite(day).any() else Clock.DAY
+            is_dated = np.isfinite(day)
+            best = rank[is_dated].max(initial=_OF_LOGGER)
+            day = np.where(rank == best, day, np.nan)
+            content.clock = Clock.UTC if is_dated.any() else Clock.DAY
+            if is_dated.any() and best == _OF_LOGGER:
+                content.notes.append("the date is that of the times before the sentences")
             self._clock = arrival, _absolute(of_day, day)
         for source, values in self._positions.items():
             self._add_positions(source, np.frombuffer(values, dtype=float).reshape(-1, 4))
