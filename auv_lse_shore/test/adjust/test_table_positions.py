@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from adjust.survey_logs import START_S
@@ -36,14 +38,26 @@ def test_a_unit_behind_in_counts(tmp_path, name):
     checked(gathered(tmp_path, rows))
 
 
-@pytest.mark.parametrize("header", ["depth,temp,Units", "range,unit,depth", "elevation,unit,depth"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        "depth,temp,Units",
+        "range,unit,depth",
+        "elevation,unit,depth",
+        "depth,altitude,unit",
+        "altitude,unit,depth",
+        "depth,altitude,units,quality",
+    ],
+)
 def test_a_unit_behind_a_column_that_is_not_used_is_a_question(tmp_path, header):
-    cells = {"depth": "{}", "temp": "17.5", "range": "40", "elevation": "372.1"}
+    cells = {"depth": "{}", "temp": "17.5", "range": "40", "elevation": "372.1", "altitude": "4", "quality": "90"}
     row = ",".join(cells.get(name, "ft") for name in header.split(","))
     data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{row.format(d)},{utc(t)}")
     with pytest.raises(LogError, match=r"may state the unit of another column than depth.*--depth-unit"):
         gathered(tmp_path, data)
-    checked(gathered(tmp_path, data, "--depth-unit", "m"))
+    found = gathered(tmp_path, data, "--depth-unit", "m")
+    checked(found)
+    assert re.search(r"columns not used: [^;]*unit", found.lines[0], re.IGNORECASE)
     checked(gathered(tmp_path, data.replace(",ft", ",m")))
 
 
@@ -81,7 +95,9 @@ def test_depths_in_a_unit_that_is_not_understood_are_left_out(tmp_path):
 )
 def test_a_column_of_other_units_changes_no_depth(tmp_path, header, row):
     data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{row.format(round(d, 3))},{utc(t)}")
-    checked(gathered(tmp_path, data))
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert len(re.findall(r"(?<!no )\bunit\b", found.lines[0])) == 1
 
 
 def test_a_column_in_a_unit_that_is_not_understood_names_the_cure(tmp_path):
@@ -115,7 +131,20 @@ def test_words_that_contain_a_unit_are_none(tmp_path, cell):
 
 def test_the_unit_that_the_user_gives_counts(tmp_path):
     data = lines("lat,lon,depth,unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},ft,{utc(t)}")
-    checked(gathered(tmp_path, data, "--depth-unit", "m"))
+    found = gathered(tmp_path, data, "--depth-unit", "m")
+    checked(found)
+    assert "columns not used: unit" in found.lines[0]
+
+
+def test_a_proposal_keeps_a_column_of_units(tmp_path):
+    data = lines(
+        "lat,lon,altitude,unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{(d - 7.0) / 0.3048:.4f},ft,{utc(t)}Z"
+    )
+    with pytest.raises(LogError, match="--columns lat,lon,depth,depth_unit,datetime") as refused:
+        gathered(tmp_path, data)
+    named = re.search(r"--columns (\S+?)[;.]", str(refused.value))[1]
+    found = gathered(tmp_path, data, "--columns", named)
+    assert found.placed[0].soundings[:, 3] == pytest.approx(ROWS[:, 3] - 7.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def _contents(
     shared.left_out.update(dict(tv.lines_left_out(text, dialect, table.count)))
     shared.notes += tv.unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     rows = tv.rows_of(table, options, shared)
-    if not options.columns and (unused := unused_columns(dialect.header, columns, table.dated_by)):
+    if not options.columns and (unused := unused_columns(dialect.header, columns, table.accounted)):
         shared.notes.append(f"columns not used: {listed([name[:40] for name in unused], _MOST_LISTED)}")
     contents = []
     for name, mask in vehicles_of(table):

@@ -23,14 +23,14 @@ from auv_lse_shore.survey_import.survey_log import LogError
 class Table:
     """The columns of a table that are used: numbers, or text for times and names, shape (n,) each.
 
-    `dated_by` takes the roles of columns that dates beside times of day were made of.
+    `accounted` takes the roles of columns that count for others, such as dates for times, or that a note names.
     """
 
     path: Path
     columns: dict[str, Column]
     values: dict[str, Any]
     decimal_comma: bool
-    dated_by: set[str] = field(default_factory=set)
+    accounted: set[str] = field(default_factory=set)
 
     @property
     def count(self) -> int:
@@ -107,17 +107,17 @@ def has_date(columns: Container[str]) -> bool:
     return "date" in columns or ("year" in columns and "day_of_year" in columns)
 
 
-def unused_columns(header: Sequence[str], columns: dict[str, Column], dated_by: set[str]) -> list[str]:
-    """Names of a header's columns that are not used: unknown ones, and further positions, depths and dates."""
+def unused_columns(header: Sequence[str], columns: dict[str, Column], accounted: Container[str]) -> list[str]:
+    """Names of a header's columns that are not used: unknown ones, and further positions, depths, units and dates."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
     further |= set() if all(role in columns for role in GPS_TIME) else {*GPS_TIME}
-    further |= {"altitude"} | ({*DATE_PARTS} - dated_by if not has_date_parts(columns) else set())
+    further |= {"altitude", "depth_unit"} | (set() if has_date_parts(columns) else {*DATE_PARTS})
     further |= set() if "datetime" in columns or (has_date_parts(columns) and "hour" in columns) else {"half_day"}
     used = {
         column.number
         for role, column in columns.items()
-        if role not in further and (role in ROLES or role.startswith("datetime"))
+        if role in accounted or (role not in further and (role in ROLES or role.startswith("datetime")))
     }
     return [name for number, name in enumerate(header) if number not in used and name]
 

@@ -17,7 +17,7 @@ _HEIGHT_NAME = re.compile("elev|height|h(o|oe|ö)he|quota|cota", re.IGNORECASE)
 DEPTH_NAME = re.compile("dep|sound|tief|prof|bathy", re.IGNORECASE)
 _RANGE_NAME = re.compile(f"{DEPTH_NAME.pattern}|dist|range|{_HEIGHT_NAME.pattern}", re.IGNORECASE)
 #: Roles for which a header is right.
-_NAMED = ("lat", "lon", "quality")
+_NAMED = ("lat", "lon", "quality", "depth_unit")
 
 
 def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:

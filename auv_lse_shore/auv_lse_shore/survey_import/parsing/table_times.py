@@ -181,7 +181,7 @@ def _are_minutes_and_seconds(texts: Sequence[str], column: Column, table: Table,
 def _from_parts(table: Table, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
     """Times from columns of dates or years, months and days, and of hours, minutes, seconds; None if they hold none."""
     stamps, date_name = _days(table, options, content)
-    if "day_of_year" in table.dated_by:
+    if "day_of_year" in table.accounted:
         stamps = stamps + _DAY_S * (table.values["day_of_year"] % 1.0)
     for role, unit_s in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
         stamps = stamps + unit_s * table.values.get(role, 0.0)
@@ -216,7 +216,7 @@ def _dates(table: Table) -> _Dates:
     if form:
         rows = zip(*(np.nan_to_num(part, nan=-1.0).tolist() for part in (values["year"], *parts)), strict=True)
         texts = [form.format(full_year(int(year)), *rest) if year >= 0.0 else "" for year, *rest in rows]
-    table.dated_by.update(roles)
+    table.accounted.update(roles)
     return _Dates(texts, ", ".join(columns[role].name for role in roles))
 
 

@@ -338,11 +338,13 @@ def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | N
     """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths."""
     roles = {c.number: role for role, c in table.columns.items() if role.startswith("depth_unit")}
     names = {number: table.columns[role].name for number, role in roles.items()}
-    plain = {c.number for role, c in table.columns.items() if c.number not in names and role not in DEPTHS}
+    lengths = (*DEPTHS, "altitude")
+    plain = {c.number for role, c in table.columns.items() if c.number not in names and role not in lengths}
     column = unit_column(names, depth.number, plain)
     if column is None:
         return None
     name, cells = names[column.number], np.char.strip(table.values[roles[column.number]])
+    table.accounted.add(roles[column.number])
     stated = stated_units(cells, column)
     if stated is None:
         other = first_of(cells)
