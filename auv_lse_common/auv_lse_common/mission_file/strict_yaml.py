@@ -13,6 +13,13 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.input_bounds import MAX_YAML_VALUES
 from auv_lse_common.support.user_error import brief
 
+#: How PyYAML's messages on common mistakes begin, and messages with the cure.
+_CURES = {
+    "but found another document": "a second document begins; join both, without the line '---'",
+    "expected '<document start>'": "a second document begins; join both, without the line '...'",
+    r"found character '\t'": "a tab indents the line; write blanks",
+}
+
 
 def yaml_value(text: str) -> Any:
     """The value of a text in YAML, as for a parameter on the command line.
@@ -95,7 +102,9 @@ def parse_yaml(text: str, where: str, is_recorded: bool = False) -> Any:
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         position = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
-        raise ParameterError(f"{where}: not valid YAML: {position}{error.problem or error.context}") from error
+        problem = str(error.problem or error.context)
+        problem = next((cure for begin, cure in _CURES.items() if problem.startswith(begin)), problem)
+        raise ParameterError(f"{where}: not valid YAML: {position}{problem}") from error
     except yaml.YAMLError as error:
         raise ParameterError(f"{where}: not valid YAML: {brief(error)}") from error
     except RecursionError as error:
