@@ -77,7 +77,8 @@ def read_run(
     if mission is not None:
         return read_bag(recording_in(path), read_parameter_file(mission, read_area), ground=ground, wall_s=wall_s)
     with Recording(recording_in(path)) as recording:
-        run = _run_in(recording, _parameters_in(recording, path, read_area), ground, wall_s)
+        parameters, _ = mission_file_of(recording.path, recording.text(MISSION_FILE), read_area)
+        run = _run_in(recording, parameters, ground, wall_s)
         return dataclasses.replace(run, notes=[*run.notes, *_on_another_file(recording, path, read_area)])
 
 
@@ -97,20 +98,31 @@ def recorded_parameters(path: Path, mission: Path | None = None, read_area: Area
     if mission is not None:
         return read_parameter_file(mission, read_area)
     with Recording(recording_in(path)) as recording:
-        return _parameters_in(recording, path, read_area)
+        return mission_file_of(recording.path, recording.text(MISSION_FILE), read_area)[0]
 
 
-def _parameters_in(recording: Recording, path: Path, read_area: AreaReader | None) -> Patterns:
-    """The mission file of a recording, or that beside it."""
-    text = recording.text(MISSION_FILE)
+def mission_file_of(recording: Path, text: str | None, read_area: AreaReader | None) -> tuple[Patterns, str]:
+    """The mission file of a recording and where it is: in the recording, else in its folder or beside that.
+
+    Args:
+        recording: The path that `recording_in` returns.
+        text: The mission file in the recording; None: it has none.
+        read_area: As for `read_run`.
+
+    Raises:
+        RecordingError: if there is none.
+        ParameterError: if it is not a parameter file.
+    """
     if text is not None:
-        return parse_parameters(text, f"{path}: {MISSION_FILE}", is_recorded=True)
-    for folder in (path, path.parent):
-        if (folder / "mission.yaml").is_file():
-            return read_parameter_file(folder / "mission.yaml", read_area, is_recorded=True)
+        where = f"{recording} ({MISSION_FILE})"
+        return parse_parameters(text, where, is_recorded=True), where
+    inside = recording if recording.is_dir() else recording.parent
+    for folder in (inside, inside.parent):
+        if (path := folder / "mission.yaml").is_file():
+            return read_parameter_file(path, read_area, is_recorded=True), str(path)
     raise RecordingError(
-        f"{path} has no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it. Copy the "
-        f"mission's file to {(path if path.is_dir() else path.parent) / 'mission.yaml'}."
+        f"{recording} has no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it. Copy the "
+        f"mission's file to {inside / 'mission.yaml'}."
     )
 
 

@@ -273,6 +273,9 @@ def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
     for path in (tmp_path / "other", file):
         with pytest.raises(RecordingError, match=r"has no mission file .* Copy the mission's file to \S+/other/mis"):
             read_run(path)
+    (tmp_path / "mission.yaml").write_text((tmp_path / "run" / "mission.yaml").read_text())
+    for path in (tmp_path / "other", file):  # beside the recording's folder, however it is named
+        assert recorded_parameters(path) == read_parameter_file(tmp_path / "mission.yaml")
     back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
     assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
     assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]

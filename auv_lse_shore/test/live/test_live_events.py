@@ -29,7 +29,7 @@ from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.map_layers import OUTSIDE, LayerCoder, scales_of, thinning
 from auv_lse_shore.live.sources.own_map import OwnMap
 from auv_lse_shore.live.sources.plan_lines import POINTS_PER_LEG, PlanLines
-from auv_lse_shore.live.sources.recording import find_parameters
+from auv_lse_shore.live.sources.recording import flown_parameters
 from auv_lse_shore.live.sources.timeline import Timeline
 
 
@@ -252,7 +252,7 @@ def test_the_mission_file_inside_a_recording_is_the_one_that_was_flown(run_folde
     copy = tmp_path / "dives" / "dive 7" / "bag"
     shutil.copytree(run_folder / "bag", copy)
     (tmp_path / "dives" / "mission.yaml").write_text("/**: {ros__parameters: {mission: {steps: 999}}}\n")
-    patterns, where = find_parameters(recording_in(copy))
+    patterns, where = flown_parameters(recording_in(copy))
     assert "/recorder/mission_file" in where
     assert Settings.from_patterns(patterns, where).mission.steps != 999
 
@@ -273,11 +273,11 @@ def test_a_path_without_a_recording_is_named(tmp_path):
     with pytest.raises(RecordingError, match="is not an MCAP file"):
         list(RecordingFile(text).messages(frozenset()))
     with pytest.raises(RecordingError, match="is not an MCAP file"):  # not that its mission file is missing
-        find_parameters(text)
+        flown_parameters(text)
     empty = tmp_path / "b.mcap"
     empty.write_bytes(b"")
-    with pytest.raises(RecordingError, match="Name the mission file with --mission FILE"):
-        find_parameters(empty)
+    with pytest.raises(RecordingError, match=r"b\.mcap has no mission file .*Copy the mission's file to"):
+        flown_parameters(empty)
 
 
 def test_the_facts_hold_what_the_page_draws(settings):

@@ -11,7 +11,7 @@ from auv_lse_record.recording import RecordingError
 from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.live.sources.events import MissionEvents, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
-from auv_lse_shore.live.sources.recording import find_parameters, open_recording
+from auv_lse_shore.live.sources.recording import flown_parameters, open_recording
 from auv_lse_shore.live.sources.timeline import Timeline
 
 #: Period (s of wall clock) for polling a recording that grows.
@@ -41,7 +41,7 @@ class RecordingFollower:
             ParameterError: if the mission file cannot be used.
         """
         if mission is None:
-            patterns, where = find_parameters(recording)
+            patterns, where = flown_parameters(recording)
         else:
             patterns, where = without_retired(read_parameter_file(mission, read_area)), str(mission)
         self.settings = Settings.from_patterns(patterns, where)

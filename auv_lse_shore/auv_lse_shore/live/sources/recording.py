@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.retired import without_retired
 from auv_lse_record.growing_file import RecordingFile, Wanted
 from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, RecordingError, parts_of
+from auv_lse_record.run_reader import mission_file_of
 from auv_lse_shore.areas.area_file import read_area
 
 
@@ -64,27 +64,21 @@ def open_recording(path: Path) -> RecordingFile | WholeRecording | RecordingPart
     return RecordingFile(files[0]) if alone else WholeRecording(path)
 
 
-def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
-    """The flown mission file and its source: inside the recording, else beside it or above it.
-
-    Parameters and values of earlier versions are left out or replaced (`retired.py`).
+def flown_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
+    """The mission file of a recording that may still be written, as this version reads it, and where it is.
 
     Raises:
         RecordingError: if there is none.
         ParameterError: if it is not a parameter file.
     """
-    damaged: RecordingError | None = None
+    text, damaged = None, None
     try:
-        for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
-            where = f"{recording} ({MISSION_FILE})"
-            return without_retired(parse_parameters(str(message.data), where, is_recorded=True)), where
+        texts = open_recording(recording).messages(frozenset({MISSION_FILE}))
+        text = next((str(message.data) for _, message in texts), None)
     except RecordingError as error:  # it is read with the mission file beside it
         damaged = error
-    for folder in (recording, recording.parent, recording.parent.parent):
-        if (path := folder / "mission.yaml").is_file():
-            return without_retired(read_parameter_file(path, read_area, is_recorded=True)), str(path)
-    if damaged is not None:
-        raise damaged
-    raise RecordingError(
-        f"{recording}: there is no mission.yaml in it, beside it or above it. Name the mission file with --mission FILE"
-    )
+    try:
+        patterns, where = mission_file_of(recording, text, read_area)
+    except RecordingError as error:
+        raise damaged or error from None
+    return without_retired(patterns), where
