@@ -23,7 +23,7 @@ from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.mission_run import RunState
-from auv_lse_shore.mission.options import check_option
+from auv_lse_shore.mission_options import check_option
 from benchmarks.faults.bed.dive_bed import NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.bed.ledger import journal_problem, lost_positions
 from benchmarks.faults.kills import LEG_S

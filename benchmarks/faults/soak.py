@@ -19,8 +19,8 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
-from auv_lse_shore.mission.options import check_option
 from auv_lse_shore.mission.warm_up import main as warm_up
+from auv_lse_shore.mission_options import check_option
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.water.channel import Arrival

@@ -88,16 +88,16 @@ class Settings(TeamSections):
         cls, patterns: Mapping[str, Mapping[str, Any]], where: str, overrides: Mapping[str, Any] | None = None
     ) -> Settings:
         """The settings from the result of `read_parameter_file`; other arguments as in `load`."""
-        on_top = _by_pattern(overrides or {})
+        on_top = by_pattern(overrides or {})
         for_all = parameters_for({k: v for k, v in patterns.items() if k in _ALL_NODES}, "/settings")
-        given = [_overridden(for_all, on_top, None)]
+        given = [overridden(for_all, on_top, None)]
         for_all = with_method(given[0])
         mission = section(MissionConfig, for_all, "mission", where)
         for pattern, values in [*patterns.items(), *on_top]:
             check_pattern(pattern, values, where, mission.vehicles)
         vehicles = []
         for number in range(1, mission.vehicles + 1):
-            given.append(_overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number))
+            given.append(overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number))
             own = with_method(given[-1], for_all)
             vehicles.append(_vehicle_sections(with_depth(own, number), f"{where} (auv{number})"))
             check_planner(mission, vehicles[-1].planner, f"{where} (auv{number})")
@@ -279,7 +279,7 @@ def beyond_team(pattern: str, vehicles: int, where: str) -> str:
     )
 
 
-def _by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """Overrides with the node pattern of each, in their order."""
     found: list[tuple[str, dict[str, Any]]] = []
     for name, values in _nested(overrides).items():
@@ -292,7 +292,7 @@ def _by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]
     return found
 
 
-def _overridden(
+def overridden(
     parameters: Mapping[str, Any], on_top: Sequence[tuple[str, Mapping[str, Any]]], number: int | None
 ) -> dict[str, Any]:
     """Parameters with the overrides for all vehicles and for vehicle `number`; later ones replace earlier ones."""

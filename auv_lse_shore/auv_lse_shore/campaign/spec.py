@@ -28,7 +28,7 @@ from auv_lse_common.mission_file.parameter_file import read_parameter_file, read
 from auv_lse_common.mission_file.parameters import INTEGER_LIMIT, ParameterError
 from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_shore.areas.area_file import read_area
-from auv_lse_shore.mission.options import check_vehicles
+from auv_lse_shore.mission_options import check_vehicles
 
 KEYS = ("name", "mission", "set", "grid", "list", "seeds")
 #: A name for a folder: no path, not hidden, printable; and its largest length (bytes).

@@ -22,6 +22,14 @@ from auv_lse_shore.check.machine import check_files, check_machine, check_record
 from auv_lse_shore.check.mission_file import check_file
 from auv_lse_shore.check.schema import schema_text, template_text
 from auv_lse_shore.check.timing import check_timing
+from auv_lse_shore.mission_options import (
+    add_ground_options,
+    add_set_option,
+    check_ground_options,
+    check_vehicles,
+    ground_given,
+    settings_given,
+)
 
 ERRORS = (ParameterError,)
 
@@ -34,15 +42,17 @@ def parser() -> argparse.ArgumentParser:
         "mission's duration, coverage, packet content and recording. Draws the mission on a map. Starts nothing.",
         epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 unreadable file or wrong command line.",
     )
-    p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files to check")
+    p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files to check "
+                   "(default with an option of the mission: config/missions/default.yaml)")  # fmt: skip
     p.add_argument(
         "--area",
         type=Path,
         metavar="FILE",
         help="check with the area, no-go areas, starts and recovery positions of a file (GeoJSON, KML, GPX, "
-        "GeoPackage, shapefile, QGroundControl, ...), as auv_lse mission --area; without MISSION.yaml with the default "
-        "mission",
+        "GeoPackage, shapefile, QGroundControl, ...), as auv_lse mission --area",
     )
+    add_ground_options(p)
+    add_set_option(p)
     p.add_argument(
         "--map",
         type=_picture,
@@ -73,7 +83,12 @@ def _picture(name: str) -> Path:
 
 
 def check(
-    path: Path, vehicle: str | None = None, *, area_file: Path | None = None, picture: Path | None = None
+    path: Path,
+    vehicle: str | None = None,
+    *,
+    area_file: Path | None = None,
+    picture: Path | None = None,
+    options: argparse.Namespace | None = None,
 ) -> Findings:
     """The findings about a mission file.
 
@@ -81,14 +96,21 @@ def check(
         vehicle: Also check this computer as that of a vehicle ("auv2").
         area_file: Area file that replaces the mission file's area.
         picture: Where to draw the mission; None: nowhere.
+        options: Has the options of the ground and --set; None: none are given.
 
     Raises:
-        ParameterError: if the file or its area file cannot be read.
+        ParameterError: if the file or its area file cannot be read, or an option is impossible.
         OSError: if the picture cannot be written.
     """
     findings = Findings()
     areas = AreaFiles()
-    settings = check_file(path, findings, areas, area_file)
+    given = {} if options is None else {**ground_given(options), **settings_given(options.set)}
+    if "area.file" in given:
+        area_file = Path(given.pop("area.file"))
+    settings = check_file(path, findings, areas, area_file, given)
+    check_vehicles([*given], settings.mission.vehicles)
+    if options is not None:
+        check_ground_options(options, settings)
     of_area = areas.notes(settings.mission.vehicles)
     for text in of_area:
         findings.note(text)
@@ -148,7 +170,7 @@ def run(options: argparse.Namespace) -> int:
         print(schema_text() if options.schema else template_text(), end="")
         return 0
     missions = options.mission
-    if not missions and options.area is not None:
+    if not missions and (options.area is not None or ground_given(options) or options.set):
         missions = [shipped_file("missions/default.yaml")]
     if not missions:
         raise ParameterError("no mission file is named: auv_lse check MISSION.yaml")
@@ -160,7 +182,7 @@ def run(options: argparse.Namespace) -> int:
         if picture == Path():
             picture = Path(f"{(options.area or path).stem}-map.png")
         try:
-            findings = check(path, options.vehicle, area_file=options.area, picture=picture)
+            findings = check(path, options.vehicle, area_file=options.area, picture=picture, options=options)
         except (ParameterError, OSError) as error:
             print(f"error    {error_text(error)}", file=sys.stderr)
             code = 2

@@ -216,7 +216,7 @@ def _check_ground(settings: Settings, findings: Findings) -> Settings:
     if not settings.sim.bathymetry.file or not findings.usable(*read, "gp.length_scale_m"):
         return settings
     try:
-        fitted, notes = fit_to_ground(settings, ground_of(settings), area_given=True)
+        fitted, notes = fit_to_ground(settings, ground_of(settings))
     except (GroundError, ParameterError, OSError) as error:
         findings.error(f"{settings.where}: {error}")
         return settings

@@ -22,7 +22,7 @@ from auv_lse_common.mission_file.sections.table import (
     check_sections,
 )
 from auv_lse_common.mission_file.sections.vehicle import with_depth
-from auv_lse_common.mission_file.settings import Patterns, Settings, beyond_team, check_pattern
+from auv_lse_common.mission_file.settings import Patterns, Settings, beyond_team, by_pattern, check_pattern, overridden
 from auv_lse_shore.check.findings import Findings
 
 _MOST_VEHICLES: int = {f.name: f for f in dataclasses.fields(MissionConfig)}["vehicles"].metadata["high"]
@@ -31,11 +31,18 @@ _MOST_VEHICLES: int = {f.name: f for f in dataclasses.fields(MissionConfig)}["ve
 _SUBJECT = re.compile(r"[\w.]+(?:(?:,| and) [\w.]+)*")
 
 
-def check_file(path: Path, findings: Findings, read_area: AreaReader, area_file: Path | None = None) -> Settings:
+def check_file(
+    path: Path,
+    findings: Findings,
+    read_area: AreaReader,
+    area_file: Path | None = None,
+    overrides: Mapping[str, Any] | None = None,
+) -> Settings:
     """Reads a mission file and adds its errors to `findings`.
 
     Args:
         area_file: Area file that replaces the mission file's area.
+        overrides: Possible values that replace the file's, as in `Settings.load`.
 
     Returns:
         The settings. Refused parameters have their defaults and are listed in `findings.refused`.
@@ -47,11 +54,12 @@ def check_file(path: Path, findings: Findings, read_area: AreaReader, area_file:
     if area_file is not None:
         patterns = with_area_file(patterns, str(area_file), read_area)
     usable, owners = _usable_values(patterns, str(path), findings)
-    settings = _settings(usable, owners, str(path), findings)
+    on_top = by_pattern(overrides or {})
+    settings = _settings(usable, owners, on_top, str(path), findings)
     if findings.count("error"):
         return settings
     try:
-        return Settings.from_patterns(patterns, str(path))
+        return Settings.from_patterns(patterns, str(path), overrides)
     except ParameterError as error:
         findings.refused.update((name, None) for name in SECTIONS)
         findings.error(str(error))
@@ -101,10 +109,16 @@ def _usable_section(
     return usable
 
 
-def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, findings: Findings) -> Settings:
-    """The settings from usable values, without those that contradict each other."""
+def _settings(
+    patterns: Patterns,
+    owners: Mapping[str, int | None],
+    on_top: Sequence[tuple[str, Mapping[str, Any]]],
+    where: str,
+    findings: Findings,
+) -> Settings:
+    """The settings from usable values and those `on_top`, without those that contradict each other."""
     for_all = parameters_for({p: values for p, values in patterns.items() if owners[p] is None}, "/settings")
-    given = [for_all]
+    given = [for_all := overridden(for_all, on_top, None)]
     for_all = with_method(for_all)
     reported: set[str] = set()
     team = _sections(TEAM_SECTIONS, for_all, where, None, reported, findings)
@@ -121,7 +135,7 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
     findings.refused = {(name, owner) for name, owner in findings.refused if owner is None or owner <= mission.vehicles}
     vehicles = []
     for number in range(1, mission.vehicles + 1):
-        given.append(parameters_for(patterns, f"/auv{number}/settings"))
+        given.append(overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number))
         own = with_depth(with_method(given[-1], for_all), number)
         sections = _sections(VEHICLE_SECTIONS, own, where, number, reported, findings)
         if findings.usable("planner", vehicle=number):  # refused steps have their default, which is always possible

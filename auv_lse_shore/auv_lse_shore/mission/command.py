@@ -6,7 +6,7 @@ import contextlib
 from auv_lse_run.process.domain import node_environment
 from auv_lse_run.process.fork_server import end_early, load_early
 from auv_lse_run.process.processes import LaunchError
-from auv_lse_shore.mission.options import parser
+from auv_lse_shore.mission_options import parser
 from auv_lse_sim.engine.processes import mission_processes
 
 __all__ = ["parser", "run"]

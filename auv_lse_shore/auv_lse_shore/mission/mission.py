@@ -42,9 +42,9 @@ from auv_lse_run.process.processes import LaunchError, Process
 from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore.areas.area_file import AreaFiles
 from auv_lse_shore.live.process import LiveProcess
-from auv_lse_shore.mission.options import check_vehicles, overrides_of
 from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
+from auv_lse_shore.mission_options import check_ground_options, check_vehicles, overrides_of
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.ground.chart import with_chart
@@ -111,11 +111,7 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     given = overrides_of(options)
     settings = _loaded(mission, given, areas)
     check_vehicles([*given], settings.mission.vehicles)
-    for flag in ("depths", "elevations", "water_level"):
-        if getattr(options, flag) not in (None, False) and not settings.sim.bathymetry.file:
-            raise ParameterError(
-                f"--{flag.replace('_', '-')} is for a bathymetry, and there is none: --bathymetry FILE"
-            )
+    check_ground_options(options, settings)
     if options.for_vehicles is not None:  # the simulator's dynamics, current and DVL are no reason for warnings
         settings = settings.with_overrides({"sim.ideal": True})
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:

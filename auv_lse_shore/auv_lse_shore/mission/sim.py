@@ -18,9 +18,9 @@ from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, DomainError, note_run, simulator_domain, wanted_domain
 from auv_lse_shore.mission.mission import complain, fly, prepare, write_mission
-from auv_lse_shore.mission.options import add_mission_options
 from auv_lse_shore.mission.run_folder import removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import send_duration_s
+from auv_lse_shore.mission_options import add_mission_options
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.ground.ground_source import shared_ground
 

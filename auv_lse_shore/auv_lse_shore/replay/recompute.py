@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_record.recording import RecordingError
 from auv_lse_record.software import version
-from auv_lse_shore.mission.options import settings_given
+from auv_lse_shore.mission_options import settings_given
 from auv_lse_shore.replay.inputs import RecordedInputs, read_inputs
 from auv_lse_shore.replay.recompute_decisions import DecisionStep, recompute_decisions
 from auv_lse_shore.replay.recompute_map import MapStep, recompute_map

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from ground_helpers import SURVEY_FILES, write_survey
 from verb_main import verb_main
 
 from auv_lse_common.mission_file.parameters import describe
@@ -17,8 +18,10 @@ from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.packet.codec import room_for_samples
+from auv_lse_shore import mission_options
 from auv_lse_shore.check.command import check
 from auv_lse_shore.check.schema import schema, schema_text, template_text
+from auv_lse_shore.mission.mission import prepare
 
 main = verb_main("check")
 
@@ -431,3 +434,59 @@ def test_tagged_packets_of_a_fast_mate_are_accepted(tmp_path: Path) -> None:
     packet = {"tag": True, "key_file": str(tmp_path / "key")}
     rows = found(write(tmp_path, own={"vehicle": {"speed_mps": 3.1}}, packet=packet), "warning")
     assert not any("times as fast" in row for row in rows)
+
+
+def test_the_bathymetry_and_parameters_of_a_mission_are_checked_as_it_flies_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_survey(tmp_path)
+    path, ground = write(tmp_path, mission={"steps": 40}), tmp_path / SURVEY_FILES[0]
+    options = [str(path), "--bathymetry", str(ground), "--set", "mission.steps=70", "--set", "auv2.vehicle.depth_m=4"]
+    flown, notes = prepare(mission_options.parser().parse_args(options))
+    main(options)
+    said = capsys.readouterr().out
+    assert "70 legs each" in said
+    assert f"{flown.mission.vehicles} vehicles" in said
+    for note in notes:
+        assert note in said
+    main([str(path)])
+    assert "40 legs each" in capsys.readouterr().out
+
+
+def test_without_a_mission_file_the_default_one_is_checked_with_the_options(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_survey(tmp_path)
+    main(["--bathymetry", str(tmp_path / SURVEY_FILES[0])])
+    assert SURVEY_FILES[0] in capsys.readouterr().out
+    assert main(["--set", "mission.steps=70"]) == 0
+    assert "70 legs each" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "error"),
+    [
+        (["--set", "planner.iterationz=3"], 2, "--set planner.iterationz=3: planner.iterationz: unknown parameter"),
+        (["--set", "auv9.vehicle.depth_m=4"], 2, "--set auv9.vehicle.depth_m: the mission has no auv9"),
+        (["--depths"], 2, "--depths is for a bathymetry, and there is none"),
+        (["--set", "area.file=nowhere.kml"], 2, "nowhere.kml: cannot be read"),
+        (["--bathymetry", "nowhere.csv"], 1, "nowhere.csv' does not exist on this machine"),
+        (["--set", "area.margin_m=400"], 1, "leaves nothing. Choose a smaller margin"),
+    ],
+)
+def test_options_of_a_mission_that_are_impossible_are_named(
+    capsys: pytest.CaptureFixture[str], words: list[str], code: int, error: str
+) -> None:
+    assert main(words) == code
+    said = capsys.readouterr()
+    assert error in said.out + said.err
+
+
+def test_a_parameter_on_the_command_line_replaces_a_vehicles_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, own={"vehicle": {"depth_m": 9.0}})
+    main([str(path), "--set", "vehicle.depth_m=4"])
+    assert "auv1, auv2, auv3: vehicle.depth_m: 4 m each is too close" in capsys.readouterr().out
+    main([str(path), "--set", "vehicle.depth_m=4", "--set", "auv2.vehicle.depth_m=8"])
+    assert "auv1, auv3: vehicle.depth_m: 4 m each is too close" in capsys.readouterr().out

@@ -23,8 +23,8 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.process import fork_server
 from auv_lse_run.process.domain import node_environment
 from auv_lse_shore.mission import mission, sim
-from auv_lse_shore.mission.options import overrides_of, parser
 from auv_lse_shore.mission.vehicle_file import vehicle_file
+from auv_lse_shore.mission_options import overrides_of, parser
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.ground import ground_source
 from auv_lse_sim.ground.ground_source import GROUND_VARIABLE

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.support.atomic_files import check_file
-from auv_lse_shore.mission.options import check_option
+from auv_lse_shore.mission_options import check_option
 from benchmarks.planning.peer_environment import PEER, environment
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.grounds import Ground, read

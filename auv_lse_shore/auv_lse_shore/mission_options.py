@@ -1,4 +1,4 @@
-"""The command line of auv_lse mission."""
+"""The command line of auv_lse mission, and its options that other commands have, too."""
 
 import argparse
 import re
@@ -9,6 +9,7 @@ from typing import Any
 from auv_lse_common.mission_file.methods import METHODS
 from auv_lse_common.mission_file.parameters import ParameterError, nest, problems
 from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.mission_file.strict_yaml import yaml_value
 
 #: First part of the name of a vehicle's own parameter: auv2.vehicle.depth_m.
@@ -16,7 +17,7 @@ _VEHICLE = re.compile(r"auv\d+")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of auv_lse mission."""
+    """The command line of auv_lse mission, and its options that other commands have, too."""
     p = argparse.ArgumentParser(
         prog="auv_lse mission",
         description="Runs a simulated team mission as real ROS 2 processes. The run folder gets the recording, figures "
@@ -66,18 +67,7 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--method", metavar="NAME", help=f"planning method: {', '.join(METHODS)} (docs/design/planner.md)")
     p.add_argument("--seed", type=int, help="seed of all random numbers: ground, sensors, channel, planners")
     p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
-    p.add_argument(
-        "--bathymetry",
-        type=Path,
-        metavar="FILE",
-        help="real bathymetry: CSV or XYZ of soundings, npz or ESRI ASCII grid, GeoTIFF, netCDF (GEBCO), BAG, S-102",
-    )
-    sign = p.add_mutually_exclusive_group()
-    sign.add_argument("--depths", action="store_true", help="the bathymetry holds depths, positive down")
-    sign.add_argument("--elevations", action="store_true", help="the bathymetry holds elevations, positive up")
-    p.add_argument(
-        "--water-level", type=float, metavar="M", help="elevation of the water surface in the datum of the elevations"
-    )
+    add_ground_options(p)
     p.add_argument(
         "--area",
         action=_AreaAction,
@@ -104,6 +94,27 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
         default="direct",
         help="mavlink: waypoints go through drivers to a simulated MAVLink autopilot",
     )
+    add_set_option(p)
+
+
+def add_ground_options(p: argparse.ArgumentParser) -> None:
+    """Adds the options of the bathymetry (`ground_given`)."""
+    p.add_argument(
+        "--bathymetry",
+        type=Path,
+        metavar="FILE",
+        help="real bathymetry: CSV or XYZ of soundings, npz or ESRI ASCII grid, GeoTIFF, netCDF (GEBCO), BAG, S-102",
+    )
+    sign = p.add_mutually_exclusive_group()
+    sign.add_argument("--depths", action="store_true", help="the bathymetry holds depths, positive down")
+    sign.add_argument("--elevations", action="store_true", help="the bathymetry holds elevations, positive up")
+    p.add_argument(
+        "--water-level", type=float, metavar="M", help="elevation of the water surface in the datum of the elevations"
+    )
+
+
+def add_set_option(p: argparse.ArgumentParser) -> None:
+    """Adds --set (`settings_given`)."""
     p.add_argument(
         "--set",
         action="append",
@@ -130,13 +141,7 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         if value is not None:
             check_option(f"{flag} {value}", name, value)
             wanted[name] = value
-    if options.bathymetry is not None:
-        wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
-    if options.depths or options.elevations:
-        wanted["sim.bathymetry.depth_sign"] = "down" if options.depths else "up"
-    if options.water_level is not None:
-        check_option(f"--water-level {options.water_level:g}", "sim.bathymetry.water_level_m", options.water_level)
-        wanted["sim.bathymetry.water_level_m"] = options.water_level
+    wanted |= ground_given(options)
     if options.real_time_factor is not None:
         check_option(
             f"--real-time-factor {options.real_time_factor:g}", "sim.real_time_factor", options.real_time_factor
@@ -150,6 +155,36 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         wanted.update(_area(options.area))
     wanted.update(settings_given(options.set))
     return wanted
+
+
+def ground_given(options: argparse.Namespace) -> dict[str, Any]:
+    """The parameters of the options of the bathymetry, {dotted name: value}.
+
+    Raises:
+        ParameterError: naming the option, for an impossible value.
+    """
+    wanted: dict[str, Any] = {}
+    if options.bathymetry is not None:
+        wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
+    if options.depths or options.elevations:
+        wanted["sim.bathymetry.depth_sign"] = "down" if options.depths else "up"
+    if options.water_level is not None:
+        check_option(f"--water-level {options.water_level:g}", "sim.bathymetry.water_level_m", options.water_level)
+        wanted["sim.bathymetry.water_level_m"] = options.water_level
+    return wanted
+
+
+def check_ground_options(options: argparse.Namespace, settings: Settings) -> None:
+    """Refuses options of a bathymetry if the mission has none.
+
+    Raises:
+        ParameterError: naming the option.
+    """
+    for flag in ("depths", "elevations", "water_level"):
+        if getattr(options, flag) not in (None, False) and not settings.sim.bathymetry.file:
+            raise ParameterError(
+                f"--{flag.replace('_', '-')} is for a bathymetry, and there is none: --bathymetry FILE"
+            )
 
 
 def check_vehicles(names: Sequence[str], vehicles: int, where: str = "--set ") -> None:
