@@ -31,9 +31,10 @@ _OBJECTS = (
     r"|ilhas?|ilheus?|rochas?"
     r"|eiland|eilanden|rotsen|holme|holmen|skar|skjær"
 )
-#: Waters that are called after them: "Island Lake", "Lac de l'Île".
+#: Waters that are called after them: "Island Lake", "Rock Creek", "Lac de l'Île".
 _NAMED_WATERS = re.compile(
     rf"\b(?:{_RISKS}|{_OBJECTS}) (?:lakes?|reservoir|ponds?|loch|lough|lagoon|tarn|meer|see)\b"
+    rf"|\b(?:{_OBJECTS}) (?:creek|river|bay|cove|inlet|harbou?r|quarry|pool)\b"
     r"|\b(?:lakes? of|lac|etang|lago|laguna|lagoa|embalse)(?: (?:the|de|des|du|d|l|la|las|los|el|del|dell\w?|della"
     rf"|delle|degli|di|da|das|do|dos))* (?:{_OBJECTS})\b"
 )

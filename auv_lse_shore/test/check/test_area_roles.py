@@ -221,6 +221,8 @@ def test_a_closed_line_is_a_no_go_area_and_its_holes_are_listed(tmp_path):
         "Lac de l'Île",
         "Lago Isola 2",
         "Lake of the Isles",
+        "Rock Creek",
+        "Island Bay",
     ],
 )
 def test_a_lake_may_be_called_after_islands_and_dangers(tmp_path, name):
