@@ -199,12 +199,13 @@ def rows_across(text: str, dialect: Dialect) -> list[list[str]]:
 
 
 def columns_of(
-    text: str, dialect: Dialect, wanted: Sequence[int], whole: Path | None = None
+    text: str, dialect: Dialect, wanted: Sequence[int], whole: Path | None = None, joined: list[int] | None = None
 ) -> Iterator[list[list[str]]]:
     """The texts of the wanted columns, some thousand rows at once; missing fields are empty.
 
     Args:
         whole: The path of a table in which each row has as many fields as the header.
+        joined: Takes the number of lines that quoted cells took in.
 
     Raises:
         TableError: naming the first line of a whole table that has other fields.
@@ -212,6 +213,7 @@ def columns_of(
     rows = fields_of(lines_of(text), dialect.delimiter)
     for _ in itertools.islice(rows, dialect.first):  # an islice of all would end at the first error
         pass
+    before = getattr(rows, "line_num", 0)
     width, all_fields, read = max(wanted) + 1, len(dialect.header) or dialect.width, 0
     while True:
         piece: list[list[str]] = []
@@ -223,6 +225,8 @@ def columns_of(
             if not piece:
                 continue
         if not piece:
+            if joined is not None and dialect.delimiter != " ":
+                joined.append(getattr(rows, "line_num", 0) - before - read)
             return
         if whole and {*map(len, piece)} != {all_fields}:
             for row, found in enumerate(piece):

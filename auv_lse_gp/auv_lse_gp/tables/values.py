@@ -34,6 +34,7 @@ def read_values(
     has_unit: bool = False,
     progress: Callable[[float], None] = lambda share: None,
     is_whole: bool = False,
+    joined: list[int] | None = None,
 ) -> dict[str, Any]:
     """The values of a table's columns by role, (n,) each: texts of `TEXT_ROLES`, else numbers, NaN for other cells.
 
@@ -41,13 +42,14 @@ def read_values(
         has_unit: Whether the unit of depths is stated elsewhere: then one behind a depth may contradict it.
         progress: Takes the share of the rows that has been read.
         is_whole: Whether each row must have as many fields as the header.
+        joined: Takes the number of lines that quoted cells took in.
 
     Raises:
         TableError: if a hemisphere is not clear, or what separates the digits of a length, or a row lacks fields.
     """
     parts: dict[str, list[NDArray[np.str_] | Array]] = {role: [] for role in columns}
     read, lines = 0, text.count("\n") + 1
-    for piece in columns_of(text, dialect, [c.number for c in columns.values()], path if is_whole else None):
+    for piece in columns_of(text, dialect, [c.number for c in columns.values()], path if is_whole else None, joined):
         for (role, column), cells in zip(columns.items(), piece, strict=True):
             unit_is_stated = has_unit or bool(column.unit.strip("- "))
             is_text = role.startswith(TEXT_ROLES)

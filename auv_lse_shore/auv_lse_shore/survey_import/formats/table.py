@@ -65,12 +65,13 @@ def _contents(
 ) -> list[LogContent]:
     """The logs of the vehicles in a table."""
     is_given = bool(options.depth_unit_m) or "depth_unit" in columns
-    values = read_values(file.path, text, dialect, columns, is_given, file.progress)
+    joined = list[int]()
+    values = read_values(file.path, text, dialect, columns, is_given, file.progress, joined=joined)
     table = Table(path=file.path, columns=columns, values=values, decimal_comma=dialect.decimal_comma)
     if not table.count:
         raise LogError(f"{file.path} has a header and no rows of values.")
     shared = LogContent(file.path.name)
-    shared.left_out.update(dict(tv.lines_left_out(text, dialect, table.count)))
+    shared.left_out.update(dict(tv.lines_left_out(text, sum(joined))))
     shared.notes += tv.unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     rows = tv.rows_of(table, options, shared)
     if not options.columns and (unused := unused_columns(dialect.header, columns, table.accounted)):

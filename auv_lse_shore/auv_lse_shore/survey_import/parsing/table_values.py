@@ -14,7 +14,7 @@ from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.text import text_of
 from auv_lse_gp.tables.angles import degrees_of
 from auv_lse_gp.tables.column_names import DEPTHS, Column
-from auv_lse_gp.tables.dialect import LONGEST, Dialect, lines_of, long_lines, open_quote
+from auv_lse_gp.tables.dialect import LONGEST, long_lines, open_quote
 from auv_lse_gp.tables.units import factor_of, is_unstated, stated_m, stated_units, unit_column
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
@@ -88,11 +88,11 @@ def beginning(head: bytes) -> str:
     return text[: text.rfind("\n") + 1] or text
 
 
-def lines_left_out(text: str, dialect: Dialect, count: int) -> Iterator[tuple[str, int]]:
-    """The number of lines that are no rows of a table with `count` rows, by reason."""
+def lines_left_out(text: str, joined: int) -> Iterator[tuple[str, int]]:
+    """The number of lines that are no rows of a table, by reason; quoted cells took in `joined` of them."""
     if long := long_lines(text):
         yield f"lines of more than {LONGEST:,} letters (the first is line {long[0]})", len(long)
-    if '"' in text and (joined := sum(1 for _ in lines_of(text)) - dialect.first - count):
+    if joined:
         yield f"lines inside a quoted cell (a quote is open in line {open_quote(text)})", joined
 
 
