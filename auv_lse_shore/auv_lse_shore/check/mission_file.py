@@ -4,7 +4,7 @@ import copy
 import dataclasses
 import re
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +53,7 @@ def check_file(
     patterns = read_parameter_file(path, read_area)
     if area_file is not None:
         patterns = with_area_file(patterns, str(area_file), read_area)
-    usable, owners = _usable_values(patterns, str(path), findings)
+    usable, owners = _usable_values(patterns, str(path), findings, overrides or {})
     on_top = by_pattern(overrides or {})
     settings = _settings(usable, owners, on_top, str(path), findings)
     if findings.count("error"):
@@ -66,8 +66,13 @@ def check_file(
         return settings
 
 
-def _usable_values(patterns: Patterns, where: str, findings: Findings) -> tuple[Patterns, dict[str, int | None]]:
-    """The values of each pattern without the refused ones, and the vehicle of each pattern (None: all)."""
+def _usable_values(
+    patterns: Patterns, where: str, findings: Findings, replaced: Container[str]
+) -> tuple[Patterns, dict[str, int | None]]:
+    """The values of each pattern without the refused ones, and the vehicle of each pattern (None: all).
+
+    Those that the dotted names in `replaced` replace are no errors.
+    """
     usable: Patterns = {}
     owners: dict[str, int | None] = {}
     for pattern, values in patterns.items():
@@ -79,14 +84,20 @@ def _usable_values(patterns: Patterns, where: str, findings: Findings) -> tuple[
         usable[pattern] = {}
         for name in dict.fromkeys(full.split(".")[0] for full in values):
             given = {full: value for full, value in values.items() if full.split(".")[0] == name}
-            content = _usable_section(pattern, name, given, where, owners[pattern], findings)
+            content = _usable_section(pattern, name, given, where, owners[pattern], findings, replaced)
             if content is not None:
                 usable[pattern][name] = content
     return usable, owners
 
 
 def _usable_section(
-    pattern: str, name: str, given: Mapping[str, Any], where: str, vehicle: int | None, findings: Findings
+    pattern: str,
+    name: str,
+    given: Mapping[str, Any],
+    where: str,
+    vehicle: int | None,
+    findings: Findings,
+    replaced: Container[str],
 ) -> dict[str, Any] | None:
     """The usable values of a section, `given` with dotted names as the file has them; None: no section."""
     position = f"{where}: {pattern}"
@@ -105,7 +116,9 @@ def _usable_section(
         return None
     usable, refused = split_refused(SECTIONS[name], content, f"{position}: {name}")
     for key, text in refused:
-        findings.refuse(f"{name}.{key}".rstrip("."), text, vehicle)
+        full = f"{name}.{key}".rstrip(".")
+        if full not in replaced and f"auv{vehicle}.{full}" not in replaced:
+            findings.refuse(full, text, vehicle)
     return usable
 
 

@@ -490,3 +490,9 @@ def test_a_parameter_on_the_command_line_replaces_a_vehicles_own(
     assert "auv1, auv2, auv3: vehicle.depth_m: 4 m each is too close" in capsys.readouterr().out
     main([str(path), "--set", "vehicle.depth_m=4", "--set", "auv2.vehicle.depth_m=8"])
     assert "auv1, auv3: vehicle.depth_m: 4 m each is too close" in capsys.readouterr().out
+    wrong = write(tmp_path, mission={"steps": 2.5}, own={"vehicle": {"depth_m": -9.0}})
+    assert main([str(wrong), "--set", "mission.steps=70"]) == 1
+    assert "vehicle.depth_m must be" in (said := capsys.readouterr().out)
+    assert "mission.steps must be" not in said
+    assert main([str(wrong), "--set", "mission.steps=70", "--set", "auv2.vehicle.depth_m=4"]) == 0
+    assert "70 legs each" in capsys.readouterr().out
