@@ -79,7 +79,9 @@ class WholeTable:
                     pieces = columns_of(self.text, self.dialect, [self.columns[role].number])
                     cells = np.concatenate([np.char.lower(np.char.strip(cells)) for (cells,) in pieces])
                     is_good |= np.isin(cells, ("nan", "-nan", "+nan"))
-                self.check(is_good, role, "Write a finite number")
+                more = int((~is_good).sum()) - 1
+                others = f" and the {counted(more, 'other')} without one" if more > 0 else ""
+                self.check(is_good, role, f"Write a finite number, or remove this line{others}")
         return values
 
     def unused(self, read: Container[str]) -> list[str]:
