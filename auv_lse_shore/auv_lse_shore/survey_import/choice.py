@@ -170,6 +170,13 @@ def _sounder_of(content: LogContent, choice: Choice, pings: Counter[str]) -> str
         if not asked:
             raise LogError(f"{content.name} has no sounder {choice.sounder}, but {', '.join(names)}. Leave it out.")
         return asked[0]
+    checked = [name for name in names if not content.sounders[name].is_unchecked]
+    if not checked:
+        raise LogError(
+            f"{content.name} has no depths within a range finder's range{_reasons(content)}. "
+            f'Use {names[0]} with --sounder "{names[0]}".'
+        )
+    names = checked
     most = max(pings[name] for name in names)
     # the transducer's depth that the user gives replaces the one that a plotter was set to
     order = _REFERENCES if choice.draught_m is None else (Reference.TRANSDUCER, Reference.SURFACE, Reference.KEEL)

@@ -52,12 +52,14 @@ class Sounder:
         reference: What its depths are measured from.
         quality_scale: The quality that means certain; 0 if the scale is unknown, as in a table.
         offset_m: Depth of the transducer (m) that the log states, and that its depths contain.
+        is_unchecked: Whether another sounder of the log has the same pings, and knows which are out of range.
         pings: Time (s), depth (m) and quality (NaN: none) of one ping after the other.
     """
 
     reference: Reference = Reference.TRANSDUCER
     quality_scale: float = 100.0
     offset_m: float = 0.0
+    is_unchecked: bool = False
     pings: array[float] = field(default_factory=lambda: array("d"))
 
     @property

@@ -69,6 +69,7 @@ _FORMATS = {
     "RFND": (132, "QBCBB", "TimeUS,Instance,Dist,Stat,Orient"),
     "BARO": (133, "QBff", "TimeUS,I,Alt,Press"),
     "MSG": (134, "QZ", "TimeUS,Message"),
+    "DPTH": (135, "QBLLff", "TimeUS,Inst,Lat,Lng,Depth,Temp"),
 }
 #: RFND before ArduPilot 4.1.
 _OLD_RFND = (132, "QCBCB", "TimeUS,Dist1,Orient1,Dist2,Orient2")
@@ -111,11 +112,11 @@ def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0):
     return log
 
 
-def telemetry(rows, system=1, kinds=("HEARTBEAT", "GLOBAL_POSITION_INT", "DISTANCE_SENSOR")):
-    """HEARTBEAT, GLOBAL_POSITION_INT and DISTANCE_SENSOR of each row, or some of them, from a vehicle."""
+def telemetry(rows, system=1, kinds=("HEARTBEAT", "GLOBAL_POSITION_INT", "DISTANCE_SENSOR"), component=1):
+    """HEARTBEAT, GLOBAL_POSITION_INT and DISTANCE_SENSOR of each row, or others, from a component of a vehicle."""
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-    mav = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
+    mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
     data = b""
     for stamp, lat, lon, depth in rows:
         ms = round(1000 * (stamp - START_S))
@@ -123,6 +124,7 @@ def telemetry(rows, system=1, kinds=("HEARTBEAT", "GLOBAL_POSITION_INT", "DISTAN
             dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3),
             dialect.MAVLink_global_position_int_message(ms, round(lat * 1e7), round(lon * 1e7), 0, 0, 0, 0, 0, 0),
             dialect.MAVLink_distance_sensor_message(ms, 20, 5000, round(100 * depth), 0, 0, 25, 0),
+            dialect.MAVLink_rangefinder_message(depth, 0.0),
         ):
             if message.get_type() in kinds:
                 data += struct.pack(">Q", round(stamp * 1e6)) + message.pack(mav)

@@ -161,6 +161,67 @@ def test_two_sounders_of_one_boat_are_not_mixed(tmp_path):
     assert other.soundings[:, 3].max() < 1.0
 
 
+def range_finder(rows, kind, name, out):
+    """A log of a range finder's depths, and of the same without the range."""
+    shown = np.column_stack([rows[:, :3], np.where(out, 51.0 + np.arange(len(rows)) % 7, rows[:, 3])])
+    if kind == "tlog":
+        return telemetry(shown, kinds=("GLOBAL_POSITION_INT", "DISTANCE_SENSOR", name))
+    log = Dataflash()
+    for (stamp, lat, lon, depth), is_out in zip(shown.tolist(), out.tolist(), strict=True):
+        us = 5_000_000 + round(1e6 * (stamp - START_S))
+        log.add("POS", us, round(lat * 1e7), round(lon * 1e7), 372.0, 0.0, 0.0)
+        log.add("RFND", us, 0, round(100 * depth), 3 if is_out else 4, 25)
+        log.add(name, us, 0, round(lat * 1e7), round(lon * 1e7), depth, 20.0)
+    return log.data
+
+
+@pytest.mark.parametrize(("kind", "name"), [("tlog", "RANGEFINDER"), ("bin", "DPTH")])
+def test_depths_whose_range_another_message_shows_are_taken_only_if_asked_for(tmp_path, kind, name):
+    """RANGEFINDER and DPTH repeat the range finder's depths also where there is no echo: they are more, and wrong."""
+    path = tmp_path / f"a.{kind}"
+    out = np.arange(len(ROWS)) % 4 == 0
+    path.write_bytes(range_finder(ROWS, kind, name, out))
+    found = gathered(path)
+    (log,) = found.placed
+    assert len(log.soundings) == 90
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.02)
+    own = "RANGEFINDER" if kind == "tlog" else "DPTH 0"
+    assert f'not used: 120 depths of {own}, 7.8 to 57.0 m (--sounder "{own}" takes them instead)' in found.lines[0]
+    assert "- left out: 30 depths out of the range finder's range" in found.lines
+    assert gathered(path, "--sounder", own).placed[0].soundings[:, 3].max() > 51.0
+    path.write_bytes(range_finder(ROWS, kind, name, np.ones(len(ROWS), dtype=bool)))
+    with pytest.raises(LogError, match=rf'120 depths of {own}.*Use {own} with --sounder "{own}"'):
+        gathered(path)
+
+
+def test_components_of_a_vehicle_are_not_mixed(tmp_path):
+    """A second sonar beside the autopilot's has the same number, and a companion its own positions."""
+    path = tmp_path / "a.tlog"
+    far = np.add(ROWS, [0.0, 0.01, 0.0, 0.0])
+    far[:, 3] = np.linspace(2.0, 3.0, len(ROWS))
+    path.write_bytes(
+        in_turn(telemetry(ROWS), telemetry(far, kinds=("GLOBAL_POSITION_INT", "DISTANCE_SENSOR"), component=194))
+    )
+    found = gathered(path)
+    (log,) = found.placed
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.02)
+    other = "DISTANCE_SENSOR 0 of component 194"
+    assert f'120 depths of {other}, 2.0 to 3.0 m (--sounder "{other}" takes them instead)' in found.lines[0]
+    assert gathered(path, "--sounder", other).placed[0].soundings[:, 3].max() < 3.4
+
+
+def in_turn(*logs):
+    """Telemetry logs as one, in order of time."""
+    messages = []
+    for log in logs:
+        at = 0
+        while at < len(log):
+            size = 8 + 12 + log[at + 9]
+            messages.append(log[at : at + size])
+            at += size
+    return b"".join(sorted(messages, key=lambda message: message[:8]))
+
+
 def pings(rows, quality):
     """A telemetry log whose sonar states a quality with each ping; at a low one its depth is wrong."""
     from pymavlink.dialects.v20 import ardupilotmega as dialect

@@ -3,7 +3,7 @@
 from typing import Any
 
 from auv_lse_common.support.missing_packages import MissingPackageError, missing
-from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent
+from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import UTC_FROM_S
 
@@ -44,6 +44,8 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
                 _take(content, message, stamp_s)
             except (IndexError, ValueError, TypeError, AttributeError):  # pymavlink decodes when a field is read
                 content.left_out["messages that are damaged"] += 1
+    for name, sounder in content.sounders.items():
+        sounder.is_unchecked = name.startswith("DPTH") and name.replace("DPTH", "RFND") in content.sounders
     if any(rows[0, 0] < UTC_FROM_S for rows in content.positions.values()):
         content.clock = Clock.ELAPSED
     return [content]
@@ -80,6 +82,7 @@ def _take_range(content: LogContent, m: Any, stamp_s: float) -> None:
         if f"Dist{number}" not in names:
             continue
         name = f"RFND {number or value('Instance', value('I', 0))}"
+        content.sounders.setdefault(name, Sounder())
         if value(f"Orient{number}", _DOWN) != _DOWN:
             content.left_out[f"ranges of {name}, which does not look down"] += 1
         elif value(f"Stat{number}", _GOOD) != _GOOD:

@@ -4,9 +4,10 @@ from collections import Counter, defaultdict
 from typing import Any
 
 from auv_lse_common.support.missing_packages import MissingPackageError, missing
-from auv_lse_shore.survey_import.log_content import NO_FIX, LogContent
+from auv_lse_shore.survey_import.log_content import NO_FIX, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 
+_AUTOPILOT, _OF = 1, " of component "  # its number, and how the names of other components' data go on
 _DOWN = 25  # orientation of a range finder
 _FIX_3D = 3
 _SUBMARINE = 12  # type of vehicle
@@ -43,7 +44,9 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             sender = message.get_srcSystem()
             messages[sender] += message.get_type() != "HEARTBEAT"
             _take(vehicles[sender], message, stamp_s)
-    used = {n: v for n, v in vehicles.items() if v.positions and v.sounders}
+    for content in vehicles.values():
+        _mark_unchecked(content)
+    used = {n: v for n, v in vehicles.items() if v.positions and _has_depths(v)}
     if not used:  # what is missing is reported of the one that has most
         fullest = sorted(vehicles.items(), key=lambda item: (not item[1].positions, not item[1].sounders))
         used = dict(fullest[:1]) or {0: LogContent(file.path.name)}
@@ -58,6 +61,18 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     return list(used.values())
 
 
+def _mark_unchecked(content: LogContent) -> None:
+    """Marks a component's RANGEFINDER, which has no range, if the component also sends messages that have it."""
+    for name, sounder in content.sounders.items():
+        kind, _, component = name.partition(_OF)
+        others = [other for other in content.sounders if other != name and other.partition(_OF)[2] == component]
+        sounder.is_unchecked = kind == "RANGEFINDER" and bool(others)
+
+
+def _has_depths(content: LogContent) -> bool:
+    return any(len(sounder.pings) and not sounder.is_unchecked for sounder in content.sounders.values())
+
+
 def _flight_logs() -> Any:
     try:
         from auv_lse_mavlink import flight_logs
@@ -69,29 +84,36 @@ def _flight_logs() -> Any:
 
 
 def _take(content: LogContent, m: Any, stamp_s: float) -> None:
-    kind = m.get_type()
+    kind, component = m.get_type(), m.get_srcComponent()
+    of = "" if component == _AUTOPILOT else f"{_OF}{component}"
     if kind == "HEARTBEAT":
         content.is_submarine = content.is_submarine or m.type == _SUBMARINE
     elif kind == "GLOBAL_POSITION_INT":
-        content.position(kind, stamp_s, m.lat * 1e-7, m.lon * 1e-7)
+        content.position(kind + of, stamp_s, m.lat * 1e-7, m.lon * 1e-7)
     elif kind == "GPS_RAW_INT":
         if m.fix_type < _FIX_3D:
             content.left_out[NO_FIX] += 1
         else:
-            content.position(kind, stamp_s, m.lat * 1e-7, m.lon * 1e-7)
+            content.position(kind + of, stamp_s, m.lat * 1e-7, m.lon * 1e-7)
     elif kind.startswith("SCALED_PRESSURE"):
-        content.pressure(kind, stamp_s, 100.0 * m.press_abs)
-    elif kind == "WATER_DEPTH":
-        if m.healthy:
-            content.depth(f"WATER_DEPTH {m.id}", stamp_s, m.distance)
-        else:
-            content.left_out[_OUT_OF_RANGE] += 1
+        content.pressure(kind + of, stamp_s, 100.0 * m.press_abs)
     elif kind == "RANGEFINDER":
-        content.depth(kind, stamp_s, m.distance)
-    elif m.orientation != _DOWN:
-        content.left_out[f"ranges of DISTANCE_SENSOR {m.id}, which does not look down"] += 1
-    elif m.min_distance < m.current_distance < m.max_distance and m.signal_quality != 1:
-        # a quality of 1 is invalid
-        content.depth(f"DISTANCE_SENSOR {m.id}", stamp_s, 0.01 * m.current_distance, float(m.signal_quality))
+        content.depth(kind + of, stamp_s, m.distance)
+    elif kind == "DISTANCE_SENSOR" and m.orientation != _DOWN:
+        content.left_out[f"ranges of {kind} {m.id}{of}, which does not look down"] += 1
+    else:
+        _take_range(content, f"{kind} {m.id}{of}", m, stamp_s)
+
+
+def _take_range(content: LogContent, name: str, m: Any, stamp_s: float) -> None:
+    """A depth that is stated to be in the range or not."""
+    content.sounders.setdefault(name, Sounder())
+    if m.get_type() == "WATER_DEPTH":
+        is_good, depth_m, quality = m.healthy, m.distance, float("nan")
+    else:
+        is_good = m.min_distance < m.current_distance < m.max_distance and m.signal_quality != 1  # invalid
+        depth_m, quality = 0.01 * m.current_distance, float(m.signal_quality)
+    if is_good:
+        content.depth(name, stamp_s, depth_m, quality)
     else:
         content.left_out[_OUT_OF_RANGE] += 1
