@@ -1,4 +1,4 @@
-"""Reads the messages of ArduPilot's logs with pymavlink: dataflash (.bin) and telemetry (.tlog)."""
+"""Reads the messages of ArduPilot's logs with pymavlink: dataflash (.bin, or text) and telemetry (.tlog)."""
 
 import contextlib
 import io
@@ -20,6 +20,8 @@ Progress = Callable[[float], None]
 
 #: First bytes of MAVLink 1 and 2 messages, which follow 8 bytes of time in a telemetry log.
 _MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
+#: First bytes of a dataflash log that is not text.
+_DATAFLASH = b"\xa3\x95"
 #: A telemetry log's times (s since 1970) are between these: 2000 and 2100.
 _TIMES_S = (946_684_800.0, 4_102_444_800.0)
 #: Messages between two reports of progress.
@@ -51,12 +53,14 @@ def dataflash_messages(
         OSError: if it cannot be read.
     """
     try:
-        from pymavlink.DFReader import DFReader_binary
+        from pymavlink.DFReader import DFReader_binary, DFReader_text
     except ImportError as error:
         raise missing(error, "ArduPilot's logs") from error
     with _complaints() as complaints:
         try:
-            reader: Any = DFReader_binary(str(path), progress_callback=lambda percent: progress(percent / 200.0))
+            with path.open("rb") as file:
+                make: Any = DFReader_binary if file.read(len(_DATAFLASH)) == _DATAFLASH else DFReader_text
+            reader = make(str(path), progress_callback=lambda percent: progress(percent / 200.0))
             number = 0
             # pymavlink's list of messages ends at the first of an unknown type: then each is read
             complaints.seek(0)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from adjust.survey_logs import START_S, Dataflash, dataflash, depth_m, nmea, survey, telemetry
 
+from auv_lse_mavlink.flight_logs import FlightLogError
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.survey_log import LogError
@@ -192,6 +193,25 @@ def test_depths_whose_range_another_message_shows_are_taken_only_if_asked_for(tm
     path.write_bytes(range_finder(ROWS, kind, name, np.ones(len(ROWS), dtype=bool)))
     with pytest.raises(LogError, match=rf'120 depths of {own}.*Use {own} with --sounder "{own}"'):
         gathered(path)
+
+
+@pytest.mark.parametrize("comma", [", ", ","])
+def test_a_dataflash_log_that_a_ground_station_wrote_as_text_is_the_same(tmp_path, comma):
+    from pymavlink.DFReader import DFReader_binary
+
+    packed, text = tmp_path / "a.bin", tmp_path / "a.log"
+    packed.write_bytes(dataflash(ROWS).data)
+    reader, lines = DFReader_binary(str(packed)), []
+    while (message := reader.recv_msg()) is not None:
+        lines.append(
+            comma.join([message.get_type(), *(str(getattr(message, name)) for name in message.get_fieldnames())])
+        )
+    text.write_text("\r\n".join([*lines, ""]))
+    (found,), (expected,) = gathered(text).placed, gathered(packed).placed
+    assert found.soundings == pytest.approx(expected.soundings, abs=1e-6)
+    text.write_text("\r\n".join([*lines[:-30], "RFND, 5\udcff"]), errors="surrogateescape")
+    with pytest.raises(FlightLogError, match=r"a\.log is a damaged dataflash log"):
+        gathered(text)
 
 
 def test_components_of_a_vehicle_are_not_mixed(tmp_path):

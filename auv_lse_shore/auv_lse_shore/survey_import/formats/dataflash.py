@@ -1,5 +1,6 @@
-"""ArduPilot dataflash logs (.bin): POS or GPS with DPTH or RFND, and a submarine's BARO."""
+"""ArduPilot dataflash logs (.bin, or .log as text): POS or GPS with DPTH or RFND, and a submarine's BARO."""
 
+import re
 from typing import Any
 
 from auv_lse_common.support.missing_packages import MissingPackageError, missing
@@ -7,8 +8,8 @@ from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent, S
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import UTC_FROM_S
 
-#: First bytes: the definition of a message.
-_SIGNATURE = b"\xa3\x95\x80"
+#: First bytes: the definition of a message. In text it may follow lines on the vehicle.
+_SIGNATURE, _FIRST_LINE = b"\xa3\x95\x80", re.compile(rb"^(?:\xef\xbb\xbf)?FMT, ?128, ?89, ?FMT,", re.M)
 _DOWN = 25  # orientation of a range finder
 _GOOD = 4  # status of a range finder: no more and no less than its range
 _FIX_3D = 3
@@ -19,7 +20,7 @@ _LAG_STD_S = 0.1
 
 def recognizes(file: LogFile) -> bool:
     """Whether it begins with the definition of a message."""
-    return file.head.startswith(_SIGNATURE)
+    return file.head.startswith(_SIGNATURE) or _FIRST_LINE.search(file.head) is not None
 
 
 def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
