@@ -24,6 +24,9 @@ _MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
 _DATAFLASH = b"\xa3\x95"
 #: A telemetry log's times (s since 1970) are between these: 2000 and 2100.
 _TIMES_S = (946_684_800.0, 4_102_444_800.0)
+#: Messages that follow each other in the first bytes of a log that begins within one.
+_FEWEST, _BEGIN = 3, 2048
+_DAMAGED = "positions where the log is damaged"
 #: Messages between two reports of progress.
 _MESSAGES = 5000
 
@@ -33,8 +36,12 @@ class FlightLogError(ValueError):
 
 
 def is_telemetry(data: bytes) -> bool:
-    """Whether the beginning of a file looks like a telemetry log."""
-    return len(data) > 8 and data[8] in (_MAVLINK_1, _MAVLINK_2) and _is_time(data)
+    """Whether the beginning of a file looks like a telemetry log, or a piece of one that begins within a message."""
+    if len(data) > 8 and data[8] in (_MAVLINK_1, _MAVLINK_2) and _is_time(data):
+        return True
+    damage: Counter[str] = Counter()
+    found = sum(1 for _ in _frames(data[:_BEGIN], damage))
+    return found >= _FEWEST and damage[_DAMAGED] <= 1
 
 
 def dataflash_messages(
@@ -148,7 +155,7 @@ def _frames(data: bytes, damage: Counter[str]) -> Iterator[tuple[float, bytes, f
         elif first == _MAVLINK_1:
             size = 8 + length
         if not size or not _is_time(data[at : at + 8]):
-            damage["positions where the log is damaged"] += in_step
+            damage[_DAMAGED] += in_step
             at, in_step = at + 1, False
             continue
         in_step = True

@@ -140,6 +140,20 @@ def test_a_log_that_ends_within_a_message_is_reported(tmp_path, name):
     )
 
 
+@pytest.mark.parametrize("lost", [5, 13, 40, 400])
+def test_a_piece_of_a_telemetry_log_begins_within_a_message(tmp_path, lost):
+    """As `split` cuts a log that is too large."""
+    assert len(soundings_of(tmp_path / "a.tlog", telemetry(survey()[:60])[lost:])) >= 54
+
+
+def test_what_is_lost_behind_a_lowrance_log_s_damage_is_counted_in_bytes(tmp_path):
+    """Its frames begin with their position: those behind an insertion or of a second log are not found."""
+    data, begin, length = lowrance(survey()[:60]), 8 + 60 * (144 + 20), 144 + 20
+    (tmp_path / "a.sl2").write_bytes(data[:begin] + b"more" + data[begin:])
+    lines = gather([tmp_path / "a.sl2"], UserFacts()).lines
+    assert f"- left out: {60 * length + 4} bytes after the log is damaged or cut off" in lines
+
+
 def soundings_of(path, data):
     """The soundings of a damaged log, all of them at the known depth."""
     path.write_bytes(data)

@@ -45,9 +45,11 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     at, after, count = 8, 8, 0
     while at != len(data):
         if at + length > len(data) or struct.unpack_from("<I", data, at)[0] != at:  # a frame begins with its position
+            lost = len(data) - (at if at < len(data) else after)
             at = _next_frame(data, after - 1)  # the size of the last one may be wrong
             content.left_out["damaged pieces"] += 1
             if at < 0:
+                content.left_out["bytes after the log is damaged or cut off"] += lost
                 break
             after = at + 1
             continue

@@ -1,5 +1,6 @@
 """MAVLink telemetry logs (.tlog): GLOBAL_POSITION_INT with DISTANCE_SENSOR, WATER_DEPTH or RANGEFINDER."""
 
+import re
 from collections import Counter, defaultdict
 from typing import Any
 
@@ -16,16 +17,15 @@ _KINDS = (
     *_POSITIONS, "HEARTBEAT", "DISTANCE_SENSOR", "RANGEFINDER", "WATER_DEPTH", "SCALED_PRESSURE", "SCALED_PRESSURE2",
     "SCALED_PRESSURE3",
 )  # fmt: skip
+_TIME = re.compile(rb"\0[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)  # of 2000 to 2100, and a message's first byte
 _OUT_OF_RANGE = "depths out of the range finder's range"
 #: Standard deviation (s) of the delay of a ping on its way to the ground station.
 _LAG_STD_S = 0.2
 
 
 def recognizes(file: LogFile) -> bool:
-    """Whether it begins with a time and a MAVLink message."""
-    if len(file.head) < 9 or file.head[8] not in (0xFE, 0xFD):
-        return False
-    return bool(_flight_logs().is_telemetry(file.head))
+    """Whether it begins with times and MAVLink messages, or within one."""
+    return _TIME.search(file.head[:600]) is not None and bool(_flight_logs().is_telemetry(file.head))
 
 
 def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
