@@ -93,6 +93,19 @@ def test_entering_guided_and_arming_clear_target_and_speed():
         assert sub.position[0] - north == pytest.approx(0.87, abs=0.01), "WPNAV_SPEED again"
 
 
+def test_a_leg_that_continues_after_a_stop_or_in_another_mode_counts_once():
+    """Else the simulator ends a mission too early whose vehicle was held, or restarted."""
+    sub = Bench(guided=True)
+    sub.target(500.0, 0.0, 4.0)
+    for interrupt in (lambda: (sub.mode(19), sub.mode(4)), lambda: sub.target(*sub.position), lambda: None):
+        sub.pass_s(10.0)
+        assert sub.autopilot.pilot.step == 0
+        interrupt()
+        sub.target(500.0, 0.0, 4.0)
+    sub.target(500.0, 20.0, 4.0)
+    assert sub.autopilot.pilot.step == 1
+
+
 def test_a_complete_mission_stays_complete_until_it_is_reset():
     sub = Bench()
     sub.upload([(0.5, 0.0)])

@@ -42,8 +42,6 @@ SURFACE_M, STOP_M = 0.3, 3.0
 REACHED_M, REACHED_S = 2.0, 1.5
 #: SURFACE lasts at least this (s); a boot is critical for this (s).
 SURFACE_S, BOOT_S = 1.0, 1.5
-#: A target farther (m) than this from the last one is another leg.
-OTHER_M = 0.5
 #: Number of pressures that are sent on deck, at once.
 ON_DECK = 8
 
@@ -335,10 +333,9 @@ class ArduPilot:
         stops = here_m <= STOP_M or (self.own.surface is not None and depth_m <= SURFACE_M)
         if self.fault in (Fault.REFUSES, Fault.IGNORES) or (stops and self.fault is Fault.NEVER_STOPS):
             return
-        last, self._target, self._since_s = self._target, target, self._now_s
-        is_other = last is None or math.dist((last.north_m, last.east_m), (target.north_m, target.east_m)) > OTHER_M
-        if is_other and not stops:
-            self.pilot.step += 1
+        self._target, self._since_s = target, self._now_s
+        if not stops:
+            self.pilot.begin_leg((target.north_m, target.east_m))
         self.counts["followed"] += 1
         name = "WPNAV_SPEED" if self.own.surface is not None else "WP_SPEED"
         default_mps = self.parameters[name] * (0.01 if name == "WPNAV_SPEED" else 1.0)

@@ -9,16 +9,20 @@ import numpy as np
 from auv_lse_common.support.arrays import Array
 from auv_lse_sim.emulated.ardupilot.guidance import Guidance, Pose
 
+#: Legs that end farther apart (m) than this are two.
+OTHER_M = 0.5
+
 
 class OrderedPilot:
     """Hands the trajectory to the vehicle, sub-step by sub-step.
 
     Attributes:
-        step: Number of the present target, from 0; -1 before the first.
+        step: Number of the present leg, from 0; -1 before the first.
     """
 
     def __init__(self, guidance: Guidance) -> None:
         self.step = -1
+        self._leg_end_m: tuple[float, float] | None = None
         self._guidance = guidance
         self._orders: deque[tuple[float, Callable[[float], None]]] = deque()
         self._now_s = -math.inf
@@ -27,6 +31,12 @@ class OrderedPilot:
     def has_arrived(self) -> bool:
         """Whether the vehicle is at its last target, or has a command to stop, and no order waits."""
         return self._guidance.has_arrived and not self._orders
+
+    def begin_leg(self, end_m: tuple[float, float]) -> None:
+        """Counts a leg by its end (north, east m), unless it continues after a stop, another mode or a restart."""
+        if self._leg_end_m is None or math.dist(self._leg_end_m, end_m) > OTHER_M:
+            self.step += 1
+        self._leg_end_m = end_m
 
     def order(self, now_s: float, order: Callable[[float], None]) -> None:
         """Queues an order, which is given its time (s)."""
