@@ -4,7 +4,7 @@ import math
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.no_data import fill_values, is_no_data
 from auv_lse_gp.soundings_table import SoundingsTable, read_table
@@ -22,6 +23,9 @@ from auv_lse_gp.tables.table_error import TableError
 #: If all positions are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong
 #: origin).
 FAR_M = 100_000.0
+
+#: Distance (m) from the middle of a survey beyond which a position is wrong.
+_APART_M = 1_000_000.0
 
 #: Exceptions of numpy and zipfile for a file that is damaged or not an npz file.
 _BROKEN_NPZ = (
@@ -109,10 +113,30 @@ def read_soundings_and_origin(path: Path, notes: list[str] | None = None) -> tup
     if notes is not None:
         notes += table.notes
     positions = local_positions(table)
+    check_together(table.file.where, positions.north_m, positions.east_m)
     depth = -table.values if table.upward else table.values
     return np.column_stack(
         [positions.north_m, positions.east_m, depth]
     ), positions.origin if positions.from_degrees else None
+
+
+def check_together(where: Callable[[int], str], north: Array, east: Array) -> None:
+    """Checks that no sounding lies absurdly far from the others.
+
+    Args:
+        where: Gives the file and the line of a sounding, by its number.
+        north, east: Positions (m), shape (n,).
+
+    Raises:
+        TableError: naming the line of the first that does.
+    """
+    away = np.maximum(np.abs(north - np.median(north)), np.abs(east - np.median(east)))
+    far = np.flatnonzero(~(away <= _APART_M))
+    if len(far):
+        raise TableError(
+            f"{where(far[0])}: the position {north[far[0]]:g} m north, {east[far[0]]:g} m east lies more than "
+            f"{_APART_M / 1000:g} km from the others, as on {counted(len(far), 'line')}. Correct or remove them"
+        )
 
 
 def is_far(north_m: Array, east_m: Array) -> bool:

@@ -49,6 +49,17 @@ def test_degrees_use_their_middle_as_origin_only_if_none_is_needed(tmp_path):
         read_soundings_and_origin(path)
 
 
+@pytest.mark.parametrize(
+    ("header", "row", "wrong"),
+    [("north_m,east_m,depth_m", "{0},{0},5", "1e308,1,5"), ("lat,lon,depth_m", "46.50{0},6.6,5", "4.65,6.6,5")],
+)
+def test_one_position_far_from_all_others_is_refused(tmp_path, header, row, wrong):
+    path = tmp_path / "survey.csv"
+    path.write_text("\n".join([header, *(row.format(10 + n) for n in range(20)), wrong]))
+    with pytest.raises(TableError, match=r"survey\.csv:22: .* lies more than 1000 km from the others, as on 1 line\."):
+        read_soundings_and_origin(path)
+
+
 @pytest.mark.parametrize("separator", [";", "\t", " "])
 def test_decimal_commas_between_other_separators(tmp_path, separator):
     path = tmp_path / "survey.txt"

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +15,13 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
-from auv_lse_gp.soundings import FAR_M, is_far, local_positions
+from auv_lse_gp.soundings import FAR_M, check_together, is_far, local_positions
 from auv_lse_gp.soundings_table import SoundingsTable, read_table
 from auv_lse_sim.ground.band_meaning import text_says_up
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near, ranges
-
-#: Distance (m) from the middle of a survey beyond which a position is wrong.
-_APART_M = 1_000_000.0
 
 
 def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
@@ -65,7 +61,7 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
             "may be projected (UTM). Give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
             f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
         )
-    _check_together(where, north, east)
+    check_together(where, north, east)
     return grid_soundings(
         north, east, depth, config, name=path.name, origin=locations.origin, notes=(notes_on_depth, *locations.notes)
     )
@@ -99,7 +95,7 @@ def _xyz_ground(
         middle = float(np.median(east)), float(np.median(north))
         north, east, origin = north - middle[1], east - middle[0], None
         notes.append(f"no projection given: local origin put at its {middle[0]:.1f}, {middle[1]:.1f}")
-    _check_together(lambda k: table.file.where(kept[k]), north, east)
+    check_together(lambda k: table.file.where(kept[k]), north, east)
     return grid_soundings(north, east, depth, config, name=path.name, origin=origin, notes=tuple(notes))
 
 
@@ -120,25 +116,6 @@ def _degrees_of(
     if origin is not None:
         possible = [p for p in possible if not is_far(*local_from_geodetic(p[0], p[1], *origin))] or possible
     return possible[0] if possible else None
-
-
-def _check_together(where: Callable[[int], str], north: Array, east: Array) -> None:
-    """Checks that no sounding lies absurdly far from the others.
-
-    Args:
-        where: Gives the file and the line of a sounding, by its number.
-        north, east: Positions (m), shape (n,).
-
-    Raises:
-        GroundError: naming the line of the first that does.
-    """
-    away = np.maximum(np.abs(north - np.median(north)), np.abs(east - np.median(east)))
-    far = np.flatnonzero(~(away <= _APART_M))
-    if len(far):
-        raise GroundError(
-            f"{where(far[0])}: the position {north[far[0]]:g} m north, {east[far[0]]:g} m east lies more than "
-            f"{_APART_M / 1000:g} km from the others, as on {counted(len(far), 'line')}. Correct or remove them"
-        )
 
 
 def _round_middle(values: Array) -> float:
