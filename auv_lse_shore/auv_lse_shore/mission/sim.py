@@ -67,6 +67,9 @@ def _apart(settings: Settings, folder: Path) -> Settings:
     write_whole(folder / "mission.yaml", settings.to_parameter_file())
     body = yaml.safe_load(settings.with_overrides({"record.folder": "bag"}).to_parameter_file())
     del body["/**"]["ros__parameters"]["sim"]
+    safety = body["/**"]["ros__parameters"].setdefault("safety", {})
+    # the default folder would carry a dive that ended under simulated water into the next rehearsal or real dive
+    safety["state_copies"] = safety.get("state_copies") or str((folder / "state_copies").absolute())
     write_whole(folder / VEHICLES, yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=110))
     return settings
 

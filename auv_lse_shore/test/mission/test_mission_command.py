@@ -108,6 +108,15 @@ def test_mission_files_appear_whole_because_vehicles_are_started_as_soon_as_they
     assert not names & set(in_place)
 
 
+def test_a_rehearsal_of_separate_vehicles_leaves_its_state_in_its_own_folder(tmp_path: Path) -> None:
+    """Its simulated water is gone then: a dive that it left there would make the next one hold, a real one too."""
+    settings = mission.prepare(sim.parser().parse_args(["--apart", "--vehicles", "2"]))[0]
+    for chosen, expected in (("", str(tmp_path / "state_copies")), ("/media/card", "/media/card")):
+        sim._apart(settings.with_overrides({"safety.state_copies": chosen}), tmp_path)
+        own = parameters_for(read_parameter_file(tmp_path / "vehicles.yaml"), "/auv2/safety_node")
+        assert own["safety"]["state_copies"] == expected
+
+
 def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:
     """The mission.yaml that a simulated run leaves."""
     settings = Settings.load(None, {"mission.steps": 40, "auv2.vehicle.depth_m": 6.5, "gp.noise_std_m": 0.25})
