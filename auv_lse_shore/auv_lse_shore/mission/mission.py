@@ -201,6 +201,8 @@ def fly(
         return 130
     if interrupt.came:
         _say(console, "interrupted: every process has ended; the recording is complete up to here")
+    if settings.sim.apart and not interrupt.came:
+        _say(console, "the mission is complete. The vehicles' folders have the recordings: auv_lse adjust maps them")
     if not settings.record.folder or settings.sim.apart:  # separate vehicles make their own recordings
         return 130 if interrupt.came else 0
     interrupt.release()

@@ -28,6 +28,8 @@ MAX_HELD_S = 6.0 * 3600.0
 #: In lockstep, where nobody may watch, a mission fails when every vehicle has waited or held for this simulated time
 #: (s) without a command.
 LONGEST_HELD_S = 1800.0
+#: Separate vehicles have so long (s) after their last leg to report its end, which the simulator does not hear.
+APART_S = 10.0
 _HELD = (RunState.WAITING, RunState.HOLDING)
 
 
@@ -92,6 +94,7 @@ class Simulation:
         self.origin_deg = settings.area.origin_deg
         self._lockstep, self._recorded = lockstep, recorded
         self._finished = [False] * len(self.vehicles)
+        self._ended_s = [math.inf] * len(self.vehicles)
         self._transmissions: list[tuple[float, int, bytes]] = []
         self._legs: dict[int, Leg] = {}  # the last leg of each vehicle
         self._thens: dict[int, Stop | None] = {}  # the stop after it
@@ -258,7 +261,8 @@ class Simulation:
         if not self._lockstep:
             last = self.steps_total if k in self.links.autopilots else steps
             ended = self.runs[i] is RunState.ENDED or output.truth.step >= last - 1
-            self._finished[i] = ended and output.truth.loitering
+            self._ended_s[i] = min(self._ended_s[i], self.now_s) if ended and output.truth.loitering else math.inf
+            self._finished[i] = self.now_s >= self._ended_s[i] + (APART_S if self._settings.sim.apart else 0.0)
         self.steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
 
     # ------------------------------------------------------------------ what the vehicles do

@@ -14,6 +14,7 @@ from auv_lse_sim.engine import simulation as simulation_module
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.vehicle.target_leg import leg_to
+from auv_lse_sim.world import VehicleOutput
 
 PAYLOAD = bytes(252)
 
@@ -105,6 +106,27 @@ def test_the_mission_ends_when_every_planner_is_finished_and_every_end_is_report
     assert sim.finished
     assert sim.advance() == {}
     assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
+
+
+def test_a_rehearsal_of_separate_vehicles_leaves_the_last_one_time_to_report_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its reports do not reach the simulator: without its autopilot it would hold, and its dive not end."""
+    apart = {"sim.apart": True, "sim.lockstep": False, "sim.real_time_factor": 1.0}
+    settings = Settings.load(None, {"mission.vehicles": 1, "mission.steps": 4, **apart})
+    sim = Simulation(settings, ground_of(settings), lockstep=False, recorded=False)
+    tick, seen = sim.world.tick, list[float]()
+
+    def at_the_end(now_s: float) -> dict[int, VehicleOutput]:
+        outputs = {k: replace(o, truth=replace(o.truth, step=3, loitering=True)) for k, o in tick(now_s).items()}
+        seen.append(now_s)
+        return outputs
+
+    monkeypatch.setattr(sim.world, "tick", at_the_end)
+    while sim.advance():
+        assert len(seen) < 60
+    assert sim.state is MissionState.FINISHED
+    assert len(seen) >= 10
 
 
 def test_a_mission_that_ends_early_says_why() -> None:
