@@ -281,6 +281,15 @@ def in_units(name, rows, factor, unit):
 
 
 @pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])
+def test_two_files_joined_into_one_are_refused(tmp_path, name):
+    """Only the first was read."""
+    path = tmp_path / name
+    path.write_bytes(LOGS[name](ROWS[:60]) + b"\n" + LOGS[name](ROWS[60:]))
+    with pytest.raises(LogError, match=rf"{name} holds 2 (GPX files|collections)\. Split it into one file each\."):
+        gathered(path)
+
+
+@pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])
 def test_the_unit_that_a_log_states_beside_its_depths_counts(tmp_path, name):
     feet, metres = tmp_path / f"feet{name[1:]}", tmp_path / name
     feet.write_bytes(in_units(name, ROWS, 1.0 / 0.3048, "ft"))

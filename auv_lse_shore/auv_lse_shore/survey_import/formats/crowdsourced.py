@@ -31,7 +31,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     """Reads a collection: one log.
 
     Raises:
-        LogError: if it is no GeoJSON.
+        LogError: if it is no GeoJSON, or several collections.
         OSError: if it cannot be read.
     """
     text, content = file.text, LogContent(file.path.name)
@@ -59,6 +59,8 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         rows.append(row[1])
         if len(rows) % _PIECE == 0:
             file.progress(at / len(text))
+    if others := len(_FEATURES.findall(text, at)):
+        raise LogError(f"{file.path} holds {others + 1} collections. Split it into one file each.")
     units.report(content)
     if rows:
         _fill(content, stamps, np.array(rows), text[: match.start()] + text[at:])

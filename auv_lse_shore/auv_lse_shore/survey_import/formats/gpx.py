@@ -29,7 +29,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     """Reads a file: one log of its tracks, or of its waypoints if it has no tracks with depths.
 
     Raises:
-        LogError: if it is not XML.
+        LogError: if it is not XML, or several files.
         OSError: if it cannot be read.
     """
     content, points = LogContent(file.path.name), _Points()
@@ -40,6 +40,8 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             file.progress(start / len(data))
         parser.close()
     except (ParseError, RecursionError, LookupError, ValueError) as error:
+        if (files := data.count(b"</gpx>")) > 1:
+            raise LogError(f"{file.path} holds {files} GPX files. Split it into one file each.") from error
         if not any(points.stamps.values()):
             raise LogError(f"{file.path} is damaged GPX ({brief(error)}). Copy it again.") from error
         content.left_out["points after the file is damaged or cut off"] += 1
