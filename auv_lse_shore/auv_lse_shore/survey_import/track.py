@@ -16,7 +16,7 @@ import numpy as np
 from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.pings import period_of
-from auv_lse_common.vocabulary.sounding_gate import passing
+from auv_lse_common.vocabulary.sounding_gate import AGREEING, passing
 from auv_lse_gp.soundings import longitude_180
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError, SurveyLog
 
@@ -280,8 +280,16 @@ def combined(pings: Array) -> Array:
 
 
 def _plausible(soundings: Array, left_out: Counter[str]) -> Array:
-    """The soundings (n, 4) that pass the gate."""
+    """The soundings (n, 4) that pass the gate, without the first few if more would pass after them.
+
+    The gate has nothing to compare the first one with. If it is wrong, true ones after it fail.
+    """
     passes, counts = passing(soundings)
+    begin = int(np.argmin(passes))
+    if 0 < begin < AGREEING:
+        later, others = passing(soundings[begin:])
+        if later.sum() > passes.sum():
+            passes, counts = np.append(np.zeros(begin, dtype=bool), later), others + Counter(jump=begin)
     for reason, count in counts.items():
         left_out[f"soundings: {reason}"] += count
     return soundings[passes]

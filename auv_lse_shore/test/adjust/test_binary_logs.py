@@ -189,7 +189,7 @@ def test_depths_whose_range_another_message_shows_are_taken_only_if_asked_for(tm
     own = "RANGEFINDER" if kind == "tlog" else "DPTH 0"
     assert f'not used: 120 depths of {own}, 7.8 to 57.0 m (--sounder "{own}" takes them instead)' in found.lines[0]
     assert "- left out: 30 depths out of the range finder's range" in found.lines
-    assert gathered(path, "--sounder", own).placed[0].soundings[:, 3].max() > 51.0
+    assert f"depths from {own};" in gathered(path, "--sounder", own).lines[0]
     path.write_bytes(range_finder(ROWS, kind, name, np.ones(len(ROWS), dtype=bool)))
     with pytest.raises(LogError, match=rf'120 depths of {own}.*Use {own} with --sounder "{own}"'):
         gathered(path)
@@ -362,6 +362,18 @@ def test_every_depth_and_position_is_a_sounding_or_counted(tmp_path):
     assert counts["positions at the time of the one before, or earlier"] > 0.8 * len(fast)
     assert len(placed.soundings) + counts["soundings: jump"] == len(ROWS)
     assert f"- pings of each second are one sounding: {placed.combined} pings" in found.lines
+
+
+@pytest.mark.parametrize(("wrong", "kept"), [([0], 119), ([0, 1], 118), (range(0, 120, 4), 90)])
+def test_a_wrong_depth_at_the_start_is_left_out_and_not_those_after_it(tmp_path, wrong, kept):
+    """The gate compares with the last sounding that passed: it kept the first one, and rejected true ones after it."""
+    rows, path = ROWS.copy(), tmp_path / "a.tlog"
+    rows[wrong, 3] = 30.0 + np.arange(len(wrong)) % 7
+    path.write_bytes(telemetry(rows))
+    (log,) = gathered(path).placed
+    assert len(log.soundings) == kept
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.02)
+    assert log.left_out["soundings: jump"] == 120 - kept
 
 
 @pytest.mark.parametrize("name", ["a.nmea", "a.bin", "a.tlog", "a.sl2"])
