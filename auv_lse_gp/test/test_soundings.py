@@ -49,6 +49,23 @@ def test_degrees_use_their_middle_as_origin_only_if_none_is_needed(tmp_path):
         read_soundings_and_origin(path)
 
 
+def test_a_header_in_cyrillic_letters_of_utf_16_is_text(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes(
+        ("# \u0441\u044a\u0451\u043c\u043a\u0430\n" * 9 + "north_m,east_m,depth_m\n1,2,3\n").encode("utf-16")
+    )
+    assert read_soundings(path).tolist() == [[1.0, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize("begin", [b"\xa3\x95\x80\x80Y", b"PK\x03\x04\x14", b"\x00\x06\x1b\xfd\n1,2,3\n"])
+def test_a_file_that_is_no_text_is_not_shown_to_the_terminal(tmp_path, begin):
+    """A log or a spreadsheet: its bytes stood in the error as columns."""
+    path = tmp_path / "a.tlog"
+    path.write_bytes(begin + bytes(range(256)) * 40)
+    with pytest.raises(TableError, match=r"a\.tlog is not text\. Save the table as CSV; auv_lse import reads logs$"):
+        read_soundings_and_origin(path)
+
+
 @pytest.mark.parametrize(
     ("header", "row", "wrong"),
     [("north_m,east_m,depth_m", "{0},{0},5", "1e308,1,5"), ("lat,lon,depth_m", "46.50{0},6.6,5", "4.65,6.6,5")],

@@ -12,7 +12,7 @@ import numpy as np
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.support.plurals import counted, listed
-from auv_lse_common.support.text import decoded
+from auv_lse_common.support.text import decoded, encoding_of, is_text
 from auv_lse_gp.tables.angles import PACKED, degrees_of
 from auv_lse_gp.tables.column_names import Column, named_columns
 from auv_lse_gp.tables.dialect import (
@@ -140,12 +140,19 @@ def whole_table(path: Path) -> WholeTable:
     """The table in a text file.
 
     Raises:
-        TableError: if it has no columns or no rows, too many of them, or a line that is longer than any of a table.
+        TableError: if it is not text, has no columns or no rows, too many of them, or a line that is longer than any of
+            a table.
         OSError: if it cannot be read.
     """
     if too_large := over_size(path, MAX_TEXT_BYTES):
         raise TableError(f"{too_large}. Thin it out, or make a grid of it (.npz, .asc, .tif)")
-    text = decoded(path.read_bytes()).replace("\u2212", "-")  # a typographic minus
+    data = path.read_bytes()
+    head = data[:SAMPLE_LETTERS]
+    if encoding_of(head) == "utf-8":
+        head = head.replace(b"\0", b"")  # of a damaged disk
+    if head.strip() and not is_text(head):
+        raise TableError(f"{path} is not text. Save the table as CSV; auv_lse import reads logs")
+    text = decoded(data).replace("\u2212", "-")  # a typographic minus
     lines, comments = 0, list[int]()
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
         if len(line) > LONGEST:
