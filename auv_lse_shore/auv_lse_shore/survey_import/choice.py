@@ -242,9 +242,15 @@ def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) ->
             f"{content.name} is a submarine's log without pressures, and the vehicle's own depth is part of the "
             "water's. Log BARO or SCALED_PRESSURE messages."
         )
-    kind = max(tables, key=lambda name: float(np.ptp(tables[name][:, 1])))
+
+    def middle(name: str) -> tuple[float, float]:
+        """The pressures (Pa) at the surface and at depth, without single wrong ones."""
+        low, high = np.quantile(tables[name][:, 1], (_SURFACE_SHARE, 1.0 - _SURFACE_SHARE))
+        return float(low), float(high)
+
+    kind = max(tables, key=lambda name: middle(name)[1] - middle(name)[0])
     found, lat_deg = tables[kind], float(np.median(log.positions[:, 1]))
-    surface_pa = float(np.quantile(found[:, 1], _SURFACE_SHARE))
+    surface_pa = middle(kind)[0]
     depths = [max(depth_of(pa - surface_pa, density_kgpm3, lat_deg), 0.0) for pa in found[:, 1].tolist()]
     log.immersion = np.column_stack([found[:, 0], depths])
     log.immersion = log.immersion[np.isfinite(log.immersion).all(axis=1)]

@@ -214,6 +214,17 @@ def test_a_dataflash_log_that_a_ground_station_wrote_as_text_is_the_same(tmp_pat
         gathered(text)
 
 
+def test_one_wrong_pressure_does_not_make_the_hull_s_barometer_the_water_s(tmp_path):
+    log = dataflash(ROWS, "ArduSub V4.5.3", immersion_m=3.0)
+    log.add("BARO", 65_500_000, 0, 0.0, 0.0)
+    (tmp_path / "a.bin").write_bytes(log.data)
+    found = gathered(tmp_path / "a.bin")
+    assert "the vehicle's own depth from BARO 1" in found.lines[0]
+    (placed,) = found.placed
+    assert len(placed.soundings) == len(ROWS)
+    assert placed.soundings[:, 3] == pytest.approx(depth_m(*placed.soundings[:, 1:3].T), abs=0.05)
+
+
 def test_components_of_a_vehicle_are_not_mixed(tmp_path):
     """A second sonar beside the autopilot's has the same number, and a companion its own positions."""
     path = tmp_path / "a.tlog"
