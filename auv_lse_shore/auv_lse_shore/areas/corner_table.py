@@ -7,7 +7,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.plurals import counted
 from auv_lse_gp.tables.column_names import ANGLES, DEPTHS, Column
-from auv_lse_gp.tables.dialect import columns_of
+from auv_lse_gp.tables.dialect import columns_of, is_number
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_gp.tables.whole_table import WholeTable, whole_table
 from auv_lse_shore.areas.features import Feature, ring_of
@@ -22,7 +22,7 @@ def corner_table_features(path: Path) -> list[Feature]:
     """The area of a table, and its columns that are not used; [] if it has no latitudes and longitudes.
 
     Raises:
-        ParameterError: if it is a table of soundings or of several areas, or a corner cannot be read.
+        ParameterError: if it is a table of soundings or of several areas, has no header, or a corner cannot be read.
     """
     try:
         table = whole_table(path)
@@ -30,6 +30,12 @@ def corner_table_features(path: Path) -> list[Feature]:
         return []
     columns = {role: column for role, column in table.columns.items() if role in ANGLES} or _by_hemispheres(table)
     if not {"lat", "lon"} <= columns.keys():
+        rows = table.dialect.sample
+        if not table.dialect.header and len(rows[0]) > 1 and all(is_number(cell) for row in rows for cell in row):
+            raise ParameterError(
+                f"{path} has rows of numbers, such as {' '.join(rows[0])[:60]}, and no header. Write the names of its "
+                "columns above them, as lat,lon or lon,lat"
+            )
         return []
     if depth := next((table.columns[role].name for role in DEPTHS if role in table.columns), ""):
         raise ParameterError(

@@ -640,7 +640,10 @@ def test_a_table_of_corners_is_the_area(tmp_path, header, row):
             "column area tells 2 areas apart",
         ),
         ("east,north\n1,2\n3,4\n5,7\n", "not a known kind of area file"),
-        ("47.3 8.5\n47.3 8.6\n47.4 8.6\n", "a table of corners with columns lat and lon"),
+        (
+            "47.3 8.5\n47.3 8.6\n47.4 8.6\n",
+            r"rows of numbers, such as 47\.3 8\.5, and no header\. Write .* lat,lon or lon,lat",
+        ),
         ("47.3N 8.5E\n8.6E 47.3N\n47.4N 8.6E\n", "a table of corners with columns lat and lon"),
         ("lat,lon\n47.3,8.5\n47.3,8.6\n", r"table\.csv has 2 corners\. Write at least three"),
         ("lat,lon\n47.3,8.5\n47.3\n47.4,8.6\n", r"table\.csv:3: 1 field '47\.3', but the header has 2"),
