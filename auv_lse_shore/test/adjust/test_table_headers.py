@@ -503,3 +503,15 @@ def test_a_second_column_of_depths_is_named(tmp_path):
     data = lines("X,Y,Depth.sample,Depth.water", lambda t, a, o, d: f"{o:.8f},{a:.8f},{0.5 * d:.1f},{d:.2f}")
     with pytest.raises(LogError, match=r"--columns .*,depth,-; depths are perhaps those of Depth\.water instead\.$"):
         gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "2026-06-14T10:00:0{}.1Z,3,128267,35,255,8,ff,5c,02,{}0,00,00,00,ff",
+        "<0x0df50b23> [8] ff 5c 02 {}{} 00 00 00 ff",
+    ],
+)
+def test_frames_of_nmea_2000_are_no_table(tmp_path, line):
+    with pytest.raises(LogError, match="frames of NMEA 2000: convert them to NMEA 0183"):
+        gathered(tmp_path, "\n".join(line.format(n % 10, n % 10) for n in range(50)))

@@ -42,6 +42,8 @@ class Table:
 _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)((?:[#%!*]+|//)?)[ \t]*([\"']?[^\W\d][^\r\n\0]{,5000})", re.MULTILINE)
 #: A number with at least three decimals, as degrees have.
 _DECIMALS = re.compile(r"\d[.,]\d{3,}")
+#: A byte of a message of NMEA 2000, and their usual number.
+_BYTE, _FRAME = re.compile("[0-9A-Fa-f]{2}"), 8
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
@@ -195,6 +197,8 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
             f"By their values they look like: --columns {','.join(guess)}; write depth, or elevation with --surface M, "
             "for the column that holds it"
         )
+    elif _are_frames(dialect.sample):
+        cure = "These are frames of NMEA 2000: convert them to NMEA 0183, as n2kd of canboat does"
     elif _has_positions(dialect.sample):
         cure = "Latitude and longitude are in one cell: write them into columns lat and lon"
     else:
@@ -204,6 +208,12 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     else:
         what = f"has no header; its first row is {', '.join(dialect.sample[0] if dialect.sample else [])[:120]}"
     raise LogError(f"{path} {what}. {cure}.")
+
+
+def _are_frames(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether most rows end with the bytes of a message, two digits each."""
+    of_bytes = [len(row) > _FRAME and all(map(_BYTE.fullmatch, row[-_FRAME:])) for row in rows]
+    return 2 * sum(of_bytes) > len(rows)
 
 
 def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text: str) -> None:
