@@ -16,7 +16,7 @@ from auv_lse_shore.areas.geojson import geojson_features, json_of
 from auv_lse_shore.areas.gpx import gpx_features
 from auv_lse_shore.areas.kml import is_kmz, kml_features, kmz_features
 from auv_lse_shore.areas.plans import corner_list_features, qgc_features, waypoint_features
-from auv_lse_shore.areas.roles import content_of
+from auv_lse_shore.areas.roles import MAX_LISTED, content_of
 from auv_lse_shore.areas.xml_tree import read_xml
 
 KINDS = (
@@ -27,8 +27,6 @@ KINDS = (
 MAX_BYTES = 20_000_000
 _GDAL = {b"SQLite format 3\0": "GeoPackage", b"\x00\x00\x27\x0a": "shapefile"}
 _CORNER_LISTS = (".poly", ".fen", ".ral")
-#: Largest number of ignored features that are listed by name.
-_MAX_LISTED = 8
 
 
 class AreaFiles:
@@ -122,5 +120,5 @@ def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
     if beyond := [text for number, text in own if number > vehicles]:
         notes.append(f"{path.name}: ignored {', '.join(beyond)}: the mission has {counted(vehicles, 'vehicle')}")
     if content.ignored:
-        notes.append(f"{path.name}: ignored {listed([repr(name) for name in content.ignored], _MAX_LISTED)}")
+        notes.append(f"{path.name}: ignored {listed([repr(name) for name in content.ignored], MAX_LISTED)}")
     return notes

@@ -14,6 +14,7 @@ import numpy as np
 from auv_lse_common.mission_file.degrees import NAMING, AreaContent, add_no_go, checked
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.plurals import listed
 from auv_lse_common.vocabulary.frames import unwrapped_deg
 from auv_lse_shore.areas.features import Feature
 from auv_lse_shore.areas.outline import outline
@@ -23,6 +24,8 @@ from auv_lse_shore.areas.role_words import stated_role, states_keep_out
 MAX_EXTENT_DEG = 2.0
 #: Largest number of rings in a file; those of an area have at most 2,000 corners together.
 MAX_RINGS = 700
+#: Number of names that an error or a note lists.
+MAX_LISTED = 8
 
 
 def content_of(features: Sequence[Feature], where: str) -> AreaContent:
@@ -54,7 +57,7 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
             content.ignored.append(feature.name or _kind(feature))
     areas = _one_each(areas, content) or [_outlined(line, content, where) for line in lines[:1] if len(lines) == 1]
     if len(areas) > 1 or (not areas and len(lines) > 1):
-        names = ", ".join(repr(f.name or "without a name") for f in areas or lines)
+        names = listed([repr(f.name or "without a name") for f in areas or lines], MAX_LISTED)
         what = f"{len(areas or lines)} {'polygons' if areas else 'lines'}"
         raise ParameterError(f"{where}: {what} may be the operating area: {names}. {NAMING}")
     if areas:
@@ -68,7 +71,7 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
 
 
 def _nothing_usable(content: AreaContent, where: str) -> str:
-    shown = ", ".join(repr(name) for name in content.ignored[:8])
+    shown = listed([repr(name) for name in content.ignored], MAX_LISTED)
     return f"{where} has no polygon{f', only {shown}' if shown else ''}. Draw the operating area as a polygon"
 
 

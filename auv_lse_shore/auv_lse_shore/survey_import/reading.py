@@ -19,6 +19,7 @@ _OTHERS = (
     (rb"\x89MCAP0", 0, "a ROS 2 recording (MCAP). One of this stack needs no import: auv_lse export RUN reads it"),
     (rb"SQLite format 3\0", 0, "a database, such as a ROS 2 recording (.db3) or a GeoPackage"),
     (rb"#ROSBAG V", 0, "a ROS 1 recording"),
+    (rb"\x00\x00\x27\x0a", 0, "a shapefile"),
     (rb"\xd0\xcf\x11\xe0", 0, "an Excel workbook"),
     (rb"\.FIT", 8, "a Garmin activity (FIT)"),
     (rb"FTP (NEW|OLD)\b", 0, "a raw file of Hypack"),

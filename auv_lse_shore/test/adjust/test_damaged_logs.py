@@ -175,6 +175,7 @@ OTHERS = {
     "a.mcap": (b"\x89MCAP0\r\n", r"a ROS 2 recording \(MCAP\).*auv_lse export RUN"),
     "a.db3": (b"SQLite format 3\0", "a database, such as a ROS 2 recording"),
     "a.bag": (b"#ROSBAG V2.0\n", "a ROS 1 recording"),
+    "a.shp": (b"\0\0\x27\x0a" + 20 * b"\0", "a shapefile"),
     "a.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook"),
     "a.fit": (b"\x0e\x10\xd9\x07\x00\x00\x00\x00.FIT", "a Garmin activity"),
     "a.kml": (b'<?xml version="1.0"?><kml>', "XML"),

@@ -653,3 +653,14 @@ def test_a_table_that_is_no_list_of_corners_is_refused(tmp_path, text, problem):
     (tmp_path / "table.csv").write_text(text)
     with pytest.raises(ParameterError, match=problem):
         read_area(tmp_path / "table.csv")
+
+
+def test_an_error_lists_the_first_of_many_polygons(tmp_path):
+    def band(n):
+        ring = [[8.0, 47.0], [8.01 + 1e-4 * n, 47.0], [8.01, 47.01], [8.0, 47.0]]
+        geometry = {"type": "Polygon", "coordinates": [ring]}
+        return {"type": "Feature", "geometry": geometry, "properties": {"name": f"band {n}"}}
+
+    data = json.dumps({"type": "FeatureCollection", "features": [band(n) for n in range(200)]})
+    with pytest.raises(ParameterError, match=r"200 polygons may be .*: 'band 0', .*, 'band 7' and 192 more\."):
+        read(tmp_path, data, "a.geojson")
