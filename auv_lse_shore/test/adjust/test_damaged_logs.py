@@ -151,7 +151,7 @@ def test_what_is_lost_behind_a_lowrance_log_s_damage_is_counted_in_bytes(tmp_pat
     data, begin, length = lowrance(survey()[:60]), 8 + 60 * (144 + 20), 144 + 20
     (tmp_path / "a.sl2").write_bytes(data[:begin] + b"more" + data[begin:])
     lines = gather([tmp_path / "a.sl2"], UserFacts()).lines
-    assert f"- left out: {60 * length + 4} bytes after the log is damaged or cut off" in lines
+    assert f"- left out: {60 * length + 4:,} bytes after the log is damaged or cut off" in lines
 
 
 def soundings_of(path, data):
