@@ -125,6 +125,11 @@ def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyL
             )
     if content.is_submarine:
         _add_immersion(log, content, choice.density_kgpm3)
+    if log.has_time and (back_s := content.set_back_s()):
+        log.questions.append(
+            f"its clock was set back by {back_s:,.0f} s, so parts of the log have the same times, and their positions "
+            "are mixed: split it there, and import one part"
+        )
     return log
 
 

@@ -22,6 +22,8 @@ NO_FIX = "positions without a fix"
 NO_POSITION = "positions at 0, 0"
 NOT_ON_EARTH = "positions that are not on earth"
 NO_ECHO = "depths of 0 or less: no echo"
+#: A clock that goes back by more than this (s) was set back, if that happens at most so many times.
+_BACK_S, _MOST_BACK = 5.0, 5
 #: Share of negative depths from which their sign is a way of writing them, and up to which they are missing echoes.
 _NEGATIVE, _FEW = 0.9, 0.05
 
@@ -220,6 +222,15 @@ class LogContent:
     def positions(self) -> dict[str, Array]:
         """Rows (time s, latitude, longitude) of each kind of position that has any, in order of time."""
         return {kind: _table(rows, 3) for kind, rows in self._positions.items() if len(rows)}
+
+    def set_back_s(self) -> float:
+        """How far (s) the log's clock was set back at most; 0 if it was not, or if the rows are in another order."""
+        found = [0.0]
+        for rows in self._positions.values():
+            back_s = -np.diff(np.frombuffer(rows, dtype=float)[::3])
+            back_s = back_s[back_s > _BACK_S]
+            found += back_s.tolist() if len(back_s) <= _MOST_BACK else []
+        return max(found)
 
     @property
     def pressures(self) -> dict[str, Array]:

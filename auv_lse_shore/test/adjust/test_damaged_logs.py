@@ -202,3 +202,13 @@ def test_headers_in_brackets_are_those_of_tables(tmp_path):
     path.write_text("[utc],[lat],[lon],[depth]\n" + rows)
     with pytest.raises(LogError, match=r"the columns \[utc\].*By their values they look like: --columns"):
         gather([path], UserFacts())
+
+
+@pytest.mark.parametrize("write", [telemetry, nmea])
+def test_a_clock_that_is_set_back_in_a_log_is_reported(tmp_path, write):
+    rows = survey()[:400]
+    rows[200:, 0] -= 50.0
+    data = write(rows)
+    (tmp_path / "a.log").write_bytes(data.encode() if isinstance(data, str) else data)
+    lines = "\n".join(gather([tmp_path / "a.log"], UserFacts()).lines)
+    assert "- question: its clock was set back by 49 s, so parts of the log have the same times" in lines
