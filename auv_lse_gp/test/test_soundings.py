@@ -8,6 +8,7 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, OnlineGp, read_soundings
 from auv_lse_gp.soundings import local_positions, read_soundings_and_origin
 from auv_lse_gp.soundings_table import read_table
+from auv_lse_gp.tables.dialect import dialect_of
 from auv_lse_gp.tables.table_error import TableError
 
 
@@ -364,3 +365,7 @@ def test_lines_with_an_unusual_sign_of_comments_are_reported(tmp_path):
     table = read_table(path)
     assert table.values.tolist() == [3.0, 5.0]
     assert table.notes == ("2 lines taken as comments, such as line 4",)
+
+
+def test_text_with_brackets_and_without_numbers_is_no_table():
+    assert dialect_of("a (b c\nd e f\n").sample == []

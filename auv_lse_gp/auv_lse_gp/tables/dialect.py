@@ -155,7 +155,9 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
 
     def without_blanks(row: list[str]) -> list[str]:
         below = zip(row, *values[:1], strict=False)
-        has_units = any(name.startswith(("(", "[", "{")) and any(map(str.isdigit, *cell)) for name, *cell in below)
+        has_units = any(
+            name.startswith(("(", "[", "{")) and any(map(str.isdigit, *cell)) for name, *cell in below if cell
+        )
         return _BRACKETED.findall(" ".join(row)) if delimiter == " " and (len(row) > width or has_units) else row
 
     before = rows[: len(rows) if first is None else first]

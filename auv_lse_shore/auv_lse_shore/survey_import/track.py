@@ -285,7 +285,7 @@ def _plausible(soundings: Array, left_out: Counter[str]) -> Array:
     The gate has nothing to compare the first one with. If it is wrong, true ones after it fail.
     """
     passes, counts = passing(soundings)
-    begin = int(np.argmin(passes))
+    begin = int(np.argmin(passes)) if len(passes) else 0
     if 0 < begin < AGREEING:
         later, others = passing(soundings[begin:])
         if later.sum() > passes.sum():
