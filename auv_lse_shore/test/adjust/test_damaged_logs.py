@@ -218,5 +218,5 @@ def test_a_log_without_a_sounding_at_a_usable_position_is_refused(tmp_path):
     """The gate has nothing to begin with then."""
     data = "lat,lon,depth\n10,20,\n10,20.001,\n" + "".join(f"46.5,6.6{n:02d},5.{n:02d}\n" for n in range(40))
     (tmp_path / "a.csv").write_text(data)
-    with pytest.raises(LogError, match="none of 40 depths has a usable position .*farther than 200 km"):
+    with pytest.raises(LogError, match=r"none of 40 depths has a usable position .*farther than 200 km"):
         gather([tmp_path / "a.csv"], user_facts(parser().parse_args(["a.csv", "--origin", "10", "20"])))
