@@ -8,6 +8,7 @@ import shutil
 import threading
 import zlib
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_record.growing_file import RecordingFile
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.live.sources import running
+from auv_lse_run.shipped_files import shipped_file
+from auv_lse_shore.live.sources import mission_node, running
 from auv_lse_shore.live.sources.events import MissionEvents, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.follow import RecordingFollower
@@ -321,6 +323,18 @@ def test_the_end_of_a_mission_is_no_problem(tmp_path, monkeypatch):
     follower.follow(stop)
     assert followed == [running.RunningMission(7, tmp_path)]
     assert timeline.state == {"growing": False, "control": False, "problem": "", "waiting": "waiting for a mission"}
+
+
+@pytest.mark.parametrize(("noted", "taken"), [(None, None), ("", None), ("sim-1", "sim-1")])
+def test_a_domain_without_a_noted_simulation_is_shown_whoever_flies_there(monkeypatch, noted, taken):
+    """A full disk keeps no note; no message has the empty id."""
+    listener = Mock(side_effect=OSError("enough"))
+    monkeypatch.setattr(mission_node, "MissionListener", listener)
+    monkeypatch.setattr(running, "dive_on", lambda domain: noted)
+    follower = running.MissionFollower(Timeline(), 82, shipped_file("missions/default.yaml"))
+    with pytest.raises(OSError, match="enough"):
+        follower._follow(running.RunningMission(82, None), threading.Event())
+    assert listener.call_args.args[3] == taken
 
 
 def sounded(number, north_m, east_m):
