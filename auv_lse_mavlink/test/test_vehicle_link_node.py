@@ -220,14 +220,19 @@ def test_an_autopilot_gets_no_waypoint_of_a_simulation(tmp_path: Path, monkeypat
 
 
 def test_a_link_without_an_autopilot_logs_and_publishes_what_it_waits_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(driver_node, "_DIAGNOSTICS_PERIOD_S", 0.3)
-    endpoint = f"udpin://127.0.0.1:{free_port()}"
+    endpoint, printed = f"udpin://127.0.0.1:{free_port()}", list[str]()
     with spun(VehicleLinkNode, tmp_path / "p.yaml", f"link: {{kind: mavlink, endpoint: '{endpoint}'}}") as s:
         reports = s.collect(DiagnosticArray, "/auv2/diagnostics")
         text = f"waiting for a device on link.endpoint {endpoint}: no autopilot heard"
-        waiting = lambda: [log.msg for log in s.logs if log.msg.startswith(text)]
+
+        def waiting() -> list[str]:
+            """The lines on the terminal: /rosout is silent while an earlier node of this name awaits its collection."""
+            printed.extend(capfd.readouterr().err.splitlines())
+            return [line for line in printed if text in line]
+
         s.until(lambda: len(reports) >= 3)
         s.until(waiting)
         assert len(waiting()) == 1, "the log has it once"
