@@ -229,7 +229,7 @@ def test_a_link_without_an_autopilot_logs_and_publishes_what_it_waits_for(
         text = f"waiting for a device on link.endpoint {endpoint}: no autopilot heard"
 
         def waiting() -> list[str]:
-            """The lines on the terminal: /rosout is silent while an earlier node of this name awaits its collection."""
+            """The lines on the terminal: /rosout may be silent in a process in which other tests had ROS contexts."""
             printed.extend(capfd.readouterr().err.splitlines())
             return [line for line in printed if text in line]
 
