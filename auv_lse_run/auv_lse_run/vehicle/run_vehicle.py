@@ -335,9 +335,10 @@ def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path
     silent_s = math.inf if processes.lockstep else SILENT_S
     keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
     with ExitStack() as stack:
+        # entered first, so left last: to leave a ROS domain may take long, and must keep no node running
+        mission_end = (lambda: None) if not processes.simulated else stack.enter_context(_mission_end(environment))
         stack.callback(_report_end, processes.vehicle, logs, interrupt)
         stack.callback(keeper.stop)
-        mission_end = (lambda: None) if not processes.simulated else stack.enter_context(_mission_end(environment))
         while not interrupt.came:
             for name, code in keeper.tick(time.monotonic()):
                 early = keeper.loaded_for_s < _FIRST_START_S
