@@ -14,6 +14,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES, ModemConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 from auv_lse_comms.bridge import MateTracks, ModemBridge, ModemFeatures, Pace
 from auv_lse_comms.packet.codec import Limits
@@ -74,6 +75,11 @@ def check_send_duration(tdma: TdmaConfig, modem: ModemConfig, where: str) -> Non
             f"could overlap the next slot; use at least {modem.send_duration_s:.2f} s: modem.start_timeout_s "
             f"({modem.start_timeout_s:g} s) and a packet at rate {modem.rate}"
         )
+
+
+def least_send_duration_s(settings: Settings) -> float:
+    """The least `tdma.send_duration_s` (s) that suits the modems of all vehicles, if they are Micromodems."""
+    return max(settings.tdma.send_duration_s, *(own.modem.send_duration_s for own in settings.vehicles))
 
 
 def bridge_of(

@@ -49,6 +49,10 @@ class MicromodemNode(DriverNode):
         except ValueError as error:
             self.get_logger().error(f"packet of {len(message.payload)} bytes: {error}")
 
+    def _outcome_of(self, number: int) -> ModemTx:
+        """What becomes of packet `number` is reported with its header as it came."""
+        return ModemTx(header=self._headers.pop(number), dive=self.dive, source=self.vehicle)
+
     def totals(self) -> tuple[int, ...]:
         """The number of packets that were never transmitted."""
         return (self._modem.packets_lost,)
@@ -65,13 +69,13 @@ class MicromodemNode(DriverNode):
                 log.info(f"ping {event.number}: {event.reason}")
             case PacketLost():
                 if event.number in self._headers:  # a ping has no header
-                    self._failed.publish_message(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
+                    self._failed.publish_message(self._outcome_of(event.number))
                 if self.lockstep:
                     self.announce(LockstepDone.MICROMODEM_LOST, max(1, self.last_tick("micromodem")), self.totals())
             case events.TransmitFailed():
                 log.warning(f"packet {event.number} not sent: {event.reason}")
             case events.TransmitDone():
-                self._sent.publish_message(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
+                self._sent.publish_message(self._outcome_of(event.number))
             case events.ModemReady():
                 log.info(f"modem ready, firmware {event.version or 'unknown'}")
                 self.diagnose()

@@ -32,6 +32,7 @@ from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
 from auv_lse_comms.bridge.mate_tracks import speeds_apart
+from auv_lse_comms.settings import check_send_duration
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_record.guard import free_mb
 from auv_lse_record.size_estimate import lack_of_space, size_of
@@ -150,6 +151,8 @@ def write_mission(settings: Settings, folder: Path, options: argparse.Namespace,
         raise RunFolderError(lack)
     hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))
     settings = settings.with_overrides(hardware)
+    for own in () if settings.sim.lockstep else settings.vehicles:  # on a clock a node would refuse it, after the start
+        check_send_duration(settings.tdma, own.modem, settings.where)
     write_whole(folder / "mission.yaml", settings.to_parameter_file())
     return settings
 

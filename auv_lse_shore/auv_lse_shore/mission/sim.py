@@ -16,10 +16,10 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import SIMULATION, new_dive
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.project_folder import project_folder
+from auv_lse_comms.settings import least_send_duration_s
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, DomainError, note_run, simulator_domain, wanted_domain
 from auv_lse_shore.mission.mission import complain, fly, prepare, write_mission
 from auv_lse_shore.mission.run_folder import removed_on_error, run_folder
-from auv_lse_shore.mission.vehicle_file import send_duration_s
 from auv_lse_shore.mission_options import add_mission_options
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.ground.ground_source import shared_ground
@@ -60,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
 def _apart(settings: Settings, folder: Path) -> Settings:
     """The mission with separate vehicles; also writes their mission file, which has no section sim."""
     paced: dict[str, Any] = {"sim.lockstep": False, "sim.real_time_factor": 1.0, "sim.apart": True}
-    paced["tdma.send_duration_s"] = send_duration_s(settings)
+    paced["tdma.send_duration_s"] = least_send_duration_s(settings)
     for k in range(1, settings.mission.vehicles + 1):
         paced[f"auv{k}.link.soundings"] = True  # from the autopilot: the simulator's topics do not reach the vehicle
     settings = settings.with_overrides(paced)

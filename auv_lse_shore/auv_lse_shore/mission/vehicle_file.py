@@ -10,6 +10,7 @@ from auv_lse_common.mission_file.parameter_file import parse_parameters
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import write_whole
+from auv_lse_comms.settings import least_send_duration_s
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.timing import check_timing
@@ -26,11 +27,6 @@ _HEAD = """\
 """
 
 
-def send_duration_s(settings: Settings) -> float:
-    """The least `tdma.send_duration_s` for the vehicles' modems."""
-    return max(settings.tdma.send_duration_s, *(own.modem.send_duration_s for own in settings.vehicles))
-
-
 def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
     """The mission file for every vehicle of the mission.
 
@@ -44,7 +40,7 @@ def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
     Raises:
         ParameterError: if an address is that of a simulated run's hardware, or a modem has none.
     """
-    wanted: dict[str, Any] = {"record.folder": RECORDING, "tdma.send_duration_s": send_duration_s(settings)}
+    wanted: dict[str, Any] = {"record.folder": RECORDING, "tdma.send_duration_s": least_send_duration_s(settings)}
     # for all vehicles, so that one added by hand waits for GO, too
     wanted |= {name: value for name, value in _OF_VEHICLES.items() if name not in chosen}
     of_a_run = Path(settings.record.folder).is_absolute()

@@ -38,6 +38,7 @@ def fly(folder: Path, *options: str) -> RunData:
     environment = {**os.environ, "AUV_LSE_ROOT": str(ROOT), "COLUMNS": "200"}
     process = subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=environment, check=False)
     assert process.returncode == 0, process.stdout + process.stderr
+    assert "ignored" not in process.stdout, "every message has the mission's id"
     return read_run(folder)
 
 
@@ -109,6 +110,15 @@ def test_ardusub_flies_a_mission_to_its_end_but_more_slowly(direct: RunData, tmp
     for a, b in zip(direct.vehicles, other.vehicles, strict=True):
         assert len(b.decisions) == len(a.decisions)
         assert 1.05 * len(a.truth) < len(b.truth) < 2.0 * len(a.truth)
+
+
+def test_a_paced_mission_confirms_each_packet_of_an_emulated_modem(tmp_path: Path) -> None:
+    """It has the slots of a real modem, which may begin to send seconds late."""
+    run = fly(tmp_path / "run", "--modem", "emulated", "--real-time-factor", "20")
+    assert len(run.sent) >= 8
+    for k in TEAM:
+        log = (tmp_path / "run" / "logs" / f"auv{k}.modem_node.log").read_text()
+        assert "not confirmed" not in log
 
 
 def test_a_paced_mission_with_autopilots_ends_early_at_its_recovery_position(tmp_path: Path) -> None:

@@ -60,6 +60,18 @@ def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) 
         assert (modem.ping, modem.synchronous) == (pings, synchronous), words
 
 
+def test_on_a_clock_an_emulated_modem_has_the_slots_of_a_real_one(tmp_path: Path) -> None:
+    def duration_s(*words: str) -> float:
+        options = parser().parse_args([*words, "--modem", "emulated"])
+        return mission.write_mission(mission.prepare(options)[0], tmp_path, options).tdma.send_duration_s
+
+    assert duration_s() == 2.2, "in lockstep it begins at once"
+    assert duration_s("--real-time-factor", "10") == 4.0
+    assert duration_s("--real-time-factor", "10", "--set", "tdma.send_duration_s=4.5") == 4.5
+    with pytest.raises(ParameterError, match=r"tdma\.send_duration_s: 3 s is too short.* use at least 4\.00 s"):
+        duration_s("--real-time-factor", "10", "--set", "tdma.send_duration_s=3")
+
+
 @pytest.mark.parametrize(
     ("given", "named"),
     [

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_comms.settings import least_send_duration_s
 
 #: Above Linux's ephemeral ports (up to 60999) and the ports of DDS (domains up to 213).
 PORTS = range(61000, 65536)
@@ -19,7 +20,8 @@ def hardware_of(
 
     Args:
         modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder. Emulated modems have a
-            PPS: they measure ranges one-way (`modem.synchronous`), unless a vehicle pings.
+            PPS: they measure ranges one-way (`modem.synchronous`), unless a vehicle pings. On a clock they may begin
+            to send late, as real ones do (`tdma.send_duration_s`).
         vehicle_link: "direct", or "mavlink": a free UDP port of this machine per vehicle.
         folder: The run folder, absolute.
         chosen: Names of parameters that the user has set; they are kept.
@@ -29,6 +31,8 @@ def hardware_of(
     pings = any(own.modem.ping for own in settings.vehicles)
     if modem == "emulated" and not pings and not any(name.endswith("modem.synchronous") for name in chosen):
         wanted["modem.synchronous"] = True
+    if modem == "emulated" and not settings.sim.lockstep and "tdma.send_duration_s" not in chosen:
+        wanted["tdma.send_duration_s"] = least_send_duration_s(settings)
     for k in range(1, vehicles + 1):
         if modem == "emulated":
             wanted[f"auv{k}.modem.kind"] = "micromodem"
