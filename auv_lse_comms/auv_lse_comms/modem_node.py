@@ -160,7 +160,7 @@ class ModemNode(VehicleNode):
             self.publish_health(now_s, bridge_health(self._bridge, problems))
 
     def send(self, now_s: float) -> None:
-        """Takes the vehicle's plan; in its slot publishes a packet for the modem, and then a ping."""
+        """In the vehicle's slot publishes a packet with its plan for the modem, and then a ping."""
         payload = self._intake.poll(now_s)
         for problem in self._intake.problems:
             self.get_logger().error(problem)

@@ -108,7 +108,7 @@ class DepthGauge:
     # ------------------------------------------------------------------ input
 
     def set_state(self, may_zero: bool, has_fix: bool, armed: bool = False) -> None:
-        """Takes whether the zero may be set now, whether GPS has a fix, and whether the vehicle is armed: it floats."""
+        """Sets whether the zero may be set now, whether GPS has a fix, and whether the vehicle is armed: it floats."""
         self._floats = armed or self._zeroes_afloat
         if not may_zero:
             self._zeroing.clear()
@@ -122,7 +122,7 @@ class DepthGauge:
         self.zero_pa, self._restored_s = zero_pa, now_s
 
     def own_depth(self, now_s: float, depth_m: float) -> None:
-        """Takes the autopilot's own depth (m, positive down) in its own datum."""
+        """Adds the autopilot's own depth (m, positive down) in its own datum."""
         if not math.isfinite(depth_m):
             return
         before_s, before_m = self._own_s, self._own_m
@@ -137,7 +137,7 @@ class DepthGauge:
         self._compare(now_s, own_m, pressure_m)
 
     def pressure(self, now_s: float, pressure_pa: float) -> None:
-        """Takes an absolute pressure (Pa)."""
+        """Adds an absolute pressure (Pa)."""
         if not (math.isfinite(pressure_pa) and pressure_pa > LEAST_PA):
             self._counts["bad_pressures"] += 1
             return

@@ -264,7 +264,7 @@ class VehicleLink:
     # ------------------------------------------------------------------ helpers
 
     def _tick(self, now_s: float) -> None:
-        """Takes the host's clock. Where it is set back, `_now_s`, by which everything waits, goes on."""
+        """Advances to the host's clock. Where that is set back, `_now_s`, by which everything waits, goes on."""
         if now_s < self._utc_s:
             self.counts["clock_steps"] += 1
             self._set_back_s += self._utc_s - now_s
@@ -394,7 +394,7 @@ class VehicleLink:
             self._raw.gps(message.h_acc / 1000.0)
 
     def _on_global_position(self, message: Message) -> None:
-        """Takes the depth that mission items count from; checks that local and global position agree."""
+        """Records the depth that mission items count from; checks that local and global position agree."""
         if self._config.mode == "mission":
             self.gauge.own_depth(self._now_s, -message.relative_alt / 1000.0)
         if self._position is not None:

@@ -123,12 +123,12 @@ def test_a_step_in_a_flood_is_bounded_and_handles_every_message_of_the_autopilot
     assert sock.friendly > 10
     assert estimates == sock.friendly - 3, "all but TIMESYNC, the heartbeat and the attitude"
     values = pilot.health().values
-    assert values["strangers"] == sock.calls - sock.friendly
+    assert values["other_senders"] == sock.calls - sock.friendly
     assert values["port full_reads"] == 5
     if kind in ("garbage", "foreign", "foreign, signed"):
         assert parsed["senders"] < 100, "only the autopilot's first datagram is parsed to recognize it"
     else:
-        assert 0 < values["strangers_unread"] <= values["strangers"]
+        assert 0 < values["other_senders_unread"] <= values["other_senders"]
 
 
 def test_when_the_autopilots_own_port_floods_the_oldest_datagrams_are_dropped(parsed):
@@ -156,7 +156,7 @@ def test_one_step_reads_at_most_the_bound_from_a_real_socket(monkeypatch):
             stranger.sendto(FLOODS["foreign"], ("127.0.0.1", pilot.transport.local_port))
     for step, read in enumerate((50, 100, 120, 120), 1):
         pilot.step(NOW_S + step, float(step))
-        assert pilot.link.counts["strangers"] == read
+        assert pilot.link.counts["other_senders"] == read
     assert pilot.health().values["port full_reads"] == 2
     pilot.connection.close(5.0, "test")
     assert pilot.health().values["port full_reads"] == 2, "counts survive the port"

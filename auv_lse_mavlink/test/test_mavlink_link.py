@@ -394,7 +394,7 @@ def test_a_datagram_is_recognized_by_its_sender():
     assert pilot.link.recognizes(good)
     for bad in (b"", b"x", good[:-1], bytes([good[0]]) + good[2:], beat.pack(mavlink.MAVLink(None, srcSystem=7))):
         assert not pilot.link.recognizes(bad)
-    assert pilot.link.counts["strangers"] == 5
+    assert pilot.link.counts["other_senders"] == 5
 
 
 def test_the_origin_is_asked_for_and_set_if_there_is_none():

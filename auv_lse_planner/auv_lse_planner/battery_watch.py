@@ -96,7 +96,7 @@ class BatteryWatch:
         return (text, "") if legs < LEAST_SHARE * self.legs else ("", text)
 
     def take(self, now_s: float, way: tuple[float, float, float, float]) -> str:
-        """Takes way (m), charge, north and east (m); returns why the mission ends now, "" if it goes on."""
+        """Adds way (m), charge, north and east (m); returns why the mission ends now, "" if it goes on."""
         way_m, charge, north_m, east_m = way
         self.use.take(now_s, charge, way_m, north_m, east_m)
         if self.home_m is None or not self.use.must_turn(self._to_home(north_m, east_m)):

@@ -169,7 +169,7 @@ class _Excerpt:
         return True
 
     def _declare(self, record: bytes) -> None:
-        """Takes the declaration of a topic; that of its type goes before it."""
+        """Handles the declaration of a topic; that of its type goes before it."""
         channel, schema = str(_number(record)), _number(record, 2)
         size = int.from_bytes(record[HEAD.size + 4 : HEAD.size + 8], "little")
         topic = record[HEAD.size + 8 : HEAD.size + 8 + size].decode(errors="replace")

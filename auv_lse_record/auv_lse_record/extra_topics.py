@@ -16,7 +16,7 @@ class ExtraTopics:
     """
 
     def __init__(self, patterns: Sequence[str], most_mb: float) -> None:
-        """Takes the patterns.
+        """Starts with nothing recorded.
 
         Args:
             patterns: Full names, in which * stands for any text: "/camera/*".

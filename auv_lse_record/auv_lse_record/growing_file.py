@@ -132,7 +132,7 @@ class RecordingFile:
                 self._declare(inner, records[at - length : at], topics)
 
     def _declare(self, opcode: int, content: bytes, topics: frozenset[str]) -> None:
-        """Takes the declaration of a type or of a topic."""
+        """Handles the declaration of a type or of a topic."""
         from mcap.data_stream import ReadDataStream
         from mcap.records import Channel, Schema
         from rosbags.typesys import get_types_from_msg

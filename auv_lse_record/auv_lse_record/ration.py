@@ -82,7 +82,7 @@ class Ration:
         return self._bytes_per_s > 0.0 and found is not None and bool(found.topic.ration or found.topic.recorded_with)
 
     def take(self, topic: str, found: Found, data: bytes) -> list[Kept]:
-        """Takes a message of a topic that is concerned; returns the messages to record now.
+        """Adds a message of a topic that is concerned; returns the messages to record now.
 
         Args:
             topic: Full name.

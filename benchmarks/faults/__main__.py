@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
         "--out",
         type=Path,
         metavar="DIR",
-        help="new folder for what it leaves (default: a temporary one, kept if something broke)",
+        help="output folder, which must not exist (default: a temporary one, kept if something broke)",
     )
     kinds = p.add_subparsers(dest="kind", required=True, metavar="KIND")
     for name, text in KINDS.items():

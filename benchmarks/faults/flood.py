@@ -208,5 +208,12 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
 
 
 def _counts(values: Any) -> str:
-    names = ("strangers", "strangers_unread", "wire bad", "wire unproven", "port full_reads", "port datagrams_dropped")
+    names = (
+        "other_senders",
+        "other_senders_unread",
+        "wire bad",
+        "wire unproven",
+        "port full_reads",
+        "port datagrams_dropped",
+    )
     return ", ".join(f"{name} {values.get(name, 0)}" for name in names)

@@ -49,7 +49,7 @@ class Moments:
         self._good: Counter[str] = Counter()
 
     def add(self, kind: str, what: str, back_s: float, wrong: Sequence[str]) -> None:
-        """Takes a moment.
+        """Adds a moment.
 
         Args:
             kind: Its row in the table.

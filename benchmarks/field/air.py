@@ -35,7 +35,7 @@ class Link:
     up: bool = True
 
     def set(self, values: Mapping[str, Any]) -> None:
-        """Takes an order's values."""
+        """Sets the values of an order."""
         self.loss = float(values.get("loss", self.loss))
         self.delay_s = float(values.get("delay_s", self.delay_s))
         self.up = bool(values.get("up", self.up))
@@ -45,7 +45,7 @@ class Air:
     """Passes packets between pairs of devices."""
 
     def __init__(self, pairs: list[tuple[int, int]], seed: int) -> None:
-        """Takes open descriptors of devices, (near, far) of each link, which must not block."""
+        """Relays between open descriptors of devices, (near, far) of each link, which must not block."""
         self.links = [Link() for _ in pairs]
         self._random = random.Random(seed)
         self._to = {a: (b, self.links[k]) for k, pair in enumerate(pairs) for a, b in (pair, pair[::-1])}

@@ -47,7 +47,7 @@ class _Chart(TeamChart):
     size = 0
 
     def take(self, name: str, answer: Mapping[str, Any]) -> bool:
-        """Takes an excerpt."""
+        """Reads an excerpt."""
         self.size += len(answer.get("data", b""))
         return super().take(name, answer)
 

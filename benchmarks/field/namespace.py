@@ -86,7 +86,7 @@ class Radio:
     """The links to all vehicles."""
 
     def __init__(self, process: subprocess.Popen[bytes], count: int) -> None:
-        """Takes the running process of `benchmarks/field/air.py`."""
+        """Controls a running process of `benchmarks/field/air.py`."""
         self._process, self._count = process, count
 
     def set(self, link: int | None = None, **values: float | bool) -> None:

@@ -206,7 +206,7 @@ class StandingExecutor(SingleThreadedExecutor):
             ready = left
 
     def _run_subscription(self, subscription: Subscription, node: Node) -> bool:
-        """Takes and handles one message; False without a message, or at the end of the round."""
+        """Handles one message; returns False if there is none, or at the end of the round."""
         group, callback = subscription.callback_group, subscription.callback
         if self._changed:
             return False

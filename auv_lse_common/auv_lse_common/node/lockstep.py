@@ -39,7 +39,7 @@ class Answers:
         self._expected.append(phase)
 
     def add(self, tick: int, answer: Answer) -> Answer | None:
-        """Takes a phase's answer to `tick`; returns the answer to pass on, or None while other answers are missing."""
+        """Records a phase's answer to `tick`; returns the answer to pass on, or None while others are missing."""
         if answer.phase not in self._expected or tick <= self._complete:
             return answer
         given = self._answers.setdefault(tick, {})
@@ -134,7 +134,7 @@ class Ticks:
         self._stamps: dict[int, float] = {}
 
     def begin(self, tick: int, now_s: float, totals: Mapping[str, int]) -> None:
-        """Takes the simulator's announcement of `tick`.
+        """Records the simulator's announcement of `tick`.
 
         Args:
             tick: Its number, from 1.

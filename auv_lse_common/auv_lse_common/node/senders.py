@@ -65,7 +65,7 @@ class Taken(NamedTuple):
 
 
 class _Taker:
-    """Takes the messages of a subscription with their senders; called by `StandingExecutor`."""
+    """Reads the messages of a subscription with their senders; called by `StandingExecutor`."""
 
     def __init__(self, subscription: Subscription) -> None:
         self._subscription, self._info = subscription, _MessageInfo()
@@ -112,7 +112,7 @@ class Senders:
         self.nodes: set[str] = set()
 
     def introduce(self, message: Any, participant: bytes = b"") -> None:
-        """Takes a message of the topic `dive`."""
+        """Handles a message of the topic `dive`."""
         if message.dive == self._own:
             self.nodes.add(message.node)
         self._dives.pop(participant, None)

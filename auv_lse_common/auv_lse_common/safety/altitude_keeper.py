@@ -60,7 +60,7 @@ class AltitudeKeeper:
         self._rise: float | None = None  # slope of rising ground (m/m), where it is known for the present ground
 
     def move(self, now_s: float, north_m: float, east_m: float, depth_m: float, speed_mps: float) -> None:
-        """Takes the vehicle's position."""
+        """Updates the vehicle's position."""
         if now_s < self._now_s:  # the clock was set back
             self._ping_s = -math.inf
             self._depths.clear()
@@ -73,7 +73,7 @@ class AltitudeKeeper:
         self._depths.append((now_s, depth_m))
 
     def ping(self, altitude_m: float) -> None:
-        """Takes the altitude (m) at the last position; one that is not positive and finite is ignored."""
+        """Adds the altitude (m) at the last position; ignores one that is not positive and finite."""
         if not (math.isfinite(altitude_m) and altitude_m > 0.0) or not self._depths:
             return
         ground_m = self._least_depth_m() + altitude_m

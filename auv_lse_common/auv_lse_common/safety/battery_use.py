@@ -94,7 +94,7 @@ class BatteryUse:
         self._times: list[float] = []  # of stretches (s)
 
     def take(self, now_s: float, charge: float, way_m: float, north_m: float, east_m: float) -> None:
-        """Takes a charge (0 to 1; NaN: unknown) at a time, after a way, at a position."""
+        """Adds a charge (0 to 1; NaN: unknown) with its time, the way so far and the position."""
         now = (now_s, way_m / STRETCH_M, north_m / STRETCH_M, east_m / STRETCH_M)
         number = int(now[1])
         if number < self._number or now_s < self._now[0]:  # the way or the clock starts over
@@ -173,7 +173,7 @@ class BatteryUse:
         return median(self._times) if self._times else math.inf
 
     def _finish_stretch(self) -> None:
-        """Takes the median of the stretch's readings."""
+        """Ends the stretch with the median of its readings."""
         if not self._readings:
             return
         readings = np.array(self._readings)

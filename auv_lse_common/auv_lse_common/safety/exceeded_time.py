@@ -29,7 +29,7 @@ class ExceededTime:
         self._pieces: deque[tuple[float, float, float]] = deque()  # start, end (s), share > 0; in order of time
 
     def add(self, exceeded: bool) -> None:
-        """Takes a reading for the next step."""
+        """Adds a reading for the next step."""
         self._new.append(exceeded)
 
     def shift(self, passed_s: float) -> None:
@@ -39,7 +39,7 @@ class ExceededTime:
         self._pieces = deque((start_s + passed_s, end_s + passed_s, share) for start_s, end_s, share in self._pieces)
 
     def step(self, now_s: float) -> bool:
-        """Takes the readings since the last step; returns whether the limit has been exceeded for `patience_s`."""
+        """Evaluates the readings since the last step; returns whether the limit has been exceeded for `patience_s`."""
         if self.share > 0.0:
             self._append(now_s)
         while self._pieces and self._pieces[0][1] <= now_s - 2.0 * self._patience_s:

@@ -8,7 +8,7 @@ class Fence:
     """A polygon with a margin that vehicles and waypoints must not leave."""
 
     def __init__(self, polygon_m: Sequence[float], margin_m: float) -> None:
-        """Takes corners in order: north, east (m), north, east, ...; a last corner equal to the first is dropped.
+        """Builds the fence from corners in order: north, east (m), north, ...; drops a last one equal to the first.
 
         Raises:
             ValueError: if there are fewer than three finite corners.

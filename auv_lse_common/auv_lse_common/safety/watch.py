@@ -166,7 +166,7 @@ class SafetyWatch:
     def odometry(
         self, stamp_s: float, heading_rad: float, north_m: float, east_m: float, depth_m: float, speed_mps: float
     ) -> None:
-        """Takes an estimate of the vehicle's state at `stamp_s`, a time of the steps' clock.
+        """Updates the vehicle's state to an estimate at `stamp_s`, a time of the steps' clock.
 
         Estimates with an old stamp are checked, but count as old odometry. Impossible estimates are ignored. So are
         estimates of a frozen estimator: the same position to the last digit with a speed, once the vehicle has moved.
@@ -191,7 +191,7 @@ class SafetyWatch:
         self._depth_frozen = frozen and self._depth_gauge.has_varied and not self._afloat
 
     def altitude(self, altitude_m: float) -> None:
-        """Takes the height above the ground (m); NaN or inf: no echo; 0 or less, and -inf: too low.
+        """Updates the height above the ground (m); NaN or inf: no echo; 0 or less, and -inf: too low.
 
         Warns when altitudes stop arriving, and when one repeats itself over more ground than can be flat.
         """
@@ -201,7 +201,7 @@ class SafetyWatch:
         self._altitude_frozen = math.isfinite(altitude_m) and self._altimeter.update(altitude_m, north_m, east_m)
 
     def autopilot(self, report: AutopilotReport) -> None:
-        """Takes the autopilot's state.
+        """Updates the autopilot's state.
 
         While it is silent, only the limit *link* counts: no odometry, altitude or pressure can arrive.
         """
@@ -279,7 +279,7 @@ class SafetyWatch:
         return self._position is None or self._position[2] <= AFLOAT_M
 
     def _pass_time(self, now_s: float) -> float:
-        """Takes the time; returns the time (s) since the last step."""
+        """Advances to `now_s`; returns the time (s) since the last step."""
         if math.isnan(self._now_s):
             self._now_s = self._odometry_s = self._link_s = now_s
         passed_s = now_s - self._now_s

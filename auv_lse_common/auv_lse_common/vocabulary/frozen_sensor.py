@@ -40,7 +40,7 @@ class FrozenSensor:
         self._step_m = COARSEST_M
 
     def update(self, value_m: float, north_m: float, east_m: float) -> bool:
-        """Takes a value and the vehicle's position; returns whether the sensor is frozen."""
+        """Adds a value and the vehicle's position; returns whether the sensor is frozen."""
         if self._first is None or value_m != self._first[0]:
             if self._first is not None:
                 self.has_varied = True

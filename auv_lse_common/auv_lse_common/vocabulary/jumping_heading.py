@@ -26,7 +26,7 @@ class JumpingHeading:
         return max((size for _, size in self._jumps), default=0.0)
 
     def update(self, stamp_s: float, heading_rad: float) -> bool:
-        """Takes a heading; returns whether it has jumped repeatedly of late."""
+        """Adds a heading; returns whether it has jumped repeatedly of late."""
         last, self._last = self._last, (stamp_s, heading_rad)
         if last is not None and 0.0 < (passed_s := stamp_s - last[0]) <= LONGEST_GAP_S:
             turned_rad = abs(float(wrap_pi(heading_rad - last[1])))

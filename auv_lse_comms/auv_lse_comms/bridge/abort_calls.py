@@ -39,7 +39,7 @@ class AbortCalls:
             self._set_obeyed(self.obeyed | self._calling)
 
     def take(self, mate: int, call: bool) -> bool:
-        """Takes a mate's packet, with the call or without; returns whether this vehicle must abort now."""
+        """Updates the abort calls from a mate's packet; returns whether this vehicle must abort now."""
         is_first = self._heard is not None and mate not in self._heard
         if self._heard is not None:
             self._heard.add(mate)

@@ -173,7 +173,7 @@ class MateTracks:
         self._tracks: dict[int, list[Track]] = {}
 
     def take(self, now_s: float, source: int, packet: Packet, slot_s: float | None = None) -> Track:
-        """Takes a packet.
+        """Adds a packet.
 
         Args:
             now_s: When it was received (s).
@@ -220,7 +220,7 @@ class MateTracks:
         return [seen.now_s, seen.step, seen.start_m, seen.raw_m, seen.plan_since_s]
 
     def recall(self, source: int, values: Sequence[Any], slot_s: float | None = None) -> None:
-        """Takes a packet again that `last` returned before a restart; `slot_s` as for `take`."""
+        """Restores a packet that `last` returned before a restart; `slot_s` as for `take`."""
         now_s, step, start_m, raw_m, plan_since_s = values
         seen = _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m), plan_since_s)
         self._add(source, seen, math.nan if slot_s is None else slot_s)

@@ -299,7 +299,7 @@ class ModemBridge:
         self.counts["samples.received"] += samples
 
     def must_abort(self, received: Received) -> bool:
-        """Takes note of an accepted packet's call to abort, if it has one; returns whether this vehicle must abort."""
+        """Records an accepted packet's call to abort, if it has one; returns whether this vehicle must abort."""
         return not received.again and self.abort_calls.take(received.source, received.packet.abort)
 
     def poll(self, now_s: float) -> bytes | None:
@@ -349,7 +349,7 @@ class ModemBridge:
         self.abort_calls.obeyed = set(values["obeyed"])
 
     def begin_era(self) -> None:
-        """Signs with a number that was never used: the last record of the slots used may be lost."""
+        """Starts a new era, because the record of used slots may be lost."""
         if self._tagger is not None:
             self._tagger.begin_era(anew=True)
 

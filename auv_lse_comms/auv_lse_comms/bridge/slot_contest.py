@@ -58,7 +58,7 @@ class SlotContest:
         self._slots: dict[int, _Slot] = {}
 
     def add(self, source: int, start_s: float, candidate: Candidate) -> list[Candidate]:
-        """Takes a packet of the slot of `source` that starts at `start_s` (s), and sets whether it `waits`.
+        """Adds a packet of the slot of `source` that starts at `start_s` (s), and sets whether it `waits`.
 
         Returns:
             The packets of an earlier slot whose samples have waited and are used now.

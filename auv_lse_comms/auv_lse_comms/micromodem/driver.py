@@ -202,7 +202,7 @@ class Micromodem:
         return self._session.take_events()
 
     def _begin(self, now_s: float, call: str = "") -> None:
-        """Takes the time of a call, and records the call."""
+        """Advances to the time of a call, and records the call."""
         if self._record is not None:
             now_s = round(now_s, 6)
             if math.isinf(self._session.now_s):

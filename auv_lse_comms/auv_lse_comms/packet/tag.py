@@ -49,7 +49,7 @@ class Tagger:
     """
 
     def __init__(self, key: bytes, size: int, session: str, draw: Callable[[int], bytes] = secrets.token_bytes) -> None:
-        """Takes the key; the object's `repr` does not reveal it.
+        """Signs with a key, which the object's `repr` does not reveal.
 
         Args:
             key: 16 to 32 bytes.

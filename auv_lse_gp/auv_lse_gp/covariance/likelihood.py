@@ -63,7 +63,7 @@ class MarginalLikelihood:
         mean_depth_m: float | None = None,
         max_extents: float = MAX_EXTENTS,
     ) -> None:
-        """Takes soundings; arguments as in `fit`, with `two_axes` for a search of two length scales and a rotation.
+        """Prepares the likelihood of soundings; arguments as in `fit`, `two_axes` for two length scales and a rotation.
 
         Raises:
             ValueError: for fewer than 10 soundings, soundings at one location, or depths that the mean explains

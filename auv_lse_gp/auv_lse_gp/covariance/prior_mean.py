@@ -86,7 +86,7 @@ class SurveyMean:
     """Interpolates linearly between a survey's soundings; outside their convex hull, uses the nearest one."""
 
     def __init__(self, locations_m: Array, depths_m: Array) -> None:
-        """Takes soundings at `locations_m` (P, 2) with `depths_m` (P,).
+        """Interpolates between soundings at `locations_m` (P, 2) with `depths_m` (P,).
 
         Raises:
             ParameterError: if there are fewer than three soundings or they lie on one line.

@@ -43,7 +43,7 @@ class Banks:
     """The banks of an operating area."""
 
     def __init__(self, shores_m: list[Array], shore_depth_m: float, level_m: float) -> None:
-        """Takes shores, polylines (n, 2) of at least two corners, the depth along them, and the level."""
+        """Builds the soundings of shores, polylines (n, 2) of at least two corners, from their depth and the level."""
         self._depth_m, self._level_m = shore_depth_m, level_m
         locations = [_along(line) for line in shores_m]
         self._locations_m = np.concatenate(locations)

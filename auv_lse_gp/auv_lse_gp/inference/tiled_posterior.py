@@ -374,7 +374,7 @@ class TiledMoments:
         return finish(self.update_in_parts(most_work))
 
     def follow(self, centers: Centers) -> Work[tuple[Array, Array, Array]]:
-        """Takes other data and updates all tiles, in parts."""
+        """Replaces the data and updates all tiles, in parts."""
         self._posterior.follow(centers)
         return self.update_in_parts()
 

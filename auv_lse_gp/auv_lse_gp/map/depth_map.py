@@ -165,7 +165,7 @@ class DepthMap:
         return self.gp.config.publish_period_s * max(1.0, len(self._locations_m) / MANY_CELLS)
 
     def add_soundings(self, soundings: Soundings | ArrayLike) -> list[Outcome | None]:
-        """Takes the vehicle's own soundings, in the order of their stamps.
+        """Adds the vehicle's own soundings, in the order of their stamps.
 
         Args:
             soundings: Soundings in any order, or rows of them as in `Soundings.from_rows`.
@@ -184,7 +184,7 @@ class DepthMap:
         return outcomes
 
     def add_samples(self, samples: ArrayLike, source: int, packets: Ints | None = None) -> list[Outcome | None]:
-        """Takes the samples of a packet from vehicle `source`, in the order given.
+        """Adds the samples of a packet from vehicle `source`, in the order given.
 
         Those that contradict the map or each other are weighed down (`consistency.py`).
 
@@ -225,7 +225,7 @@ class DepthMap:
         return self._field
 
     def recent_field(self) -> DepthField:
-        """As `field`, in bounded time: tiles of a large map that `RECENT_WORK` leaves out are those of earlier calls.
+        """As `field`, in bounded time: tiles of a large map beyond the work budget keep earlier values.
 
         A map that is not tiled is always up to date.
         """

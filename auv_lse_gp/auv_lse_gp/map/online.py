@@ -72,7 +72,7 @@ class OnlineGp:
     def add(
         self, north_m: float, east_m: float, depth_m: float, grow: bool = True, noise_std_m: float | None = None
     ) -> Outcome:
-        """Takes one sounding.
+        """Adds one sounding.
 
         Args:
             depth_m: Water depth (m, positive down).
@@ -97,7 +97,7 @@ class OnlineGp:
     def add_all(
         self, soundings: Array, max_new: int | None = None, noise_std_m: Array | None = None
     ) -> list[Outcome | None]:
-        """Takes soundings one after another, as `add`, and continues after a rejected one.
+        """Adds soundings one after another, as `add`, and continues after a rejected one.
 
         Args:
             soundings: North, east, depth (m), shape (n, 3).
@@ -125,7 +125,7 @@ class OnlineGp:
     def add_if_fitting(
         self, soundings: Array, sigmas: float, max_new: int, packets: Ints | None = None
     ) -> tuple[list[Outcome | None], Mask]:
-        """Takes the soundings that fit the current map, as `add_all`; the others are outliers.
+        """Adds the soundings that fit the current map, as `add_all`; the others are outliers.
 
         Those that fit the map but contradict each other are weighed down (`consistency.py`).
 

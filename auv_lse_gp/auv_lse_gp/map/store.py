@@ -73,7 +73,7 @@ class CenterStore:
         return Centers(rows[:, 2:4], rows[:, 4], rows[:, 5], effect)
 
     def take(self, soundings: Array, noise_std_m: Array, max_new: int) -> list[Outcome]:
-        """Takes soundings one after another.
+        """Adds soundings one after another.
 
         Args:
             soundings: North, east, depth (m), shape (n, 3).

@@ -37,7 +37,7 @@ class CorrectedMap:
         self._sensitivity = DepthSensitivity(self.log)
 
     def add_soundings(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> None:
-        """Takes soundings of a vehicle in `own`."""
+        """Adds soundings of a vehicle in `own`."""
         ordered = soundings.in_order()
         positions = self.log.add(vehicle, ordered, correction, is_packet=False)
         if self.paused:
@@ -46,7 +46,7 @@ class CorrectedMap:
         self._remember(outcomes, np.arange(len(self.log) - len(ordered), len(self.log)))
 
     def add_samples(self, vehicle: int, samples: Soundings, correction: Correction | None) -> None:
-        """Takes a mate's samples; those without a time (NaN) stay at their estimated positions."""
+        """Adds a mate's samples; those without a time (NaN) stay at their estimated positions."""
         positions = self.log.add(vehicle, samples, correction, is_packet=True)
         if self.paused:
             return

@@ -26,7 +26,7 @@ class Elimination:
     """The normal equations of a team whose mates are coupled through shared unknowns only."""
 
     def __init__(self, precision: Array, mates: Sequence[tuple[Ints, Ints]], measurements: int) -> None:
-        """Takes the structure of the equations.
+        """Plans the elimination for equations of a structure.
 
         Args:
             precision: Prior precision of each unknown (u,).

@@ -100,27 +100,27 @@ class PositionCorrector:
         )
 
     def add_dead_reckoning(self, position: DeadReckoning) -> None:
-        """Takes the vehicle's dead-reckoned position."""
+        """Adds the vehicle's dead-reckoned position."""
         refused = self.smoother.refused
         self.smoother.add_dead_reckoning(position)
         if self.smoother.refused == refused:
             self._raw = position
 
     def add_fix(self, fix: Fix) -> None:
-        """Takes a position fix of the vehicle."""
+        """Adds a position fix of the vehicle."""
         self.smoother.add_fix(fix)
 
     def add_navigation(self, mate: MateNavigation) -> None:
-        """Takes the navigation data of a mate's packet, before its samples."""
+        """Adds the navigation data of a mate's packet; call it before its samples."""
         self.smoother.add_navigation(mate)
 
     def add_soundings(self, soundings: Soundings) -> None:
-        """Takes the vehicle's soundings."""
+        """Adds the vehicle's soundings."""
         timed = dataclasses.replace(soundings, stamp_s=soundings.stamp_s + self.smoother.clock.set_back_s)
         self.corrected_map.add_soundings(self.vehicle, timed, self.correction)
 
     def add_samples(self, samples: Array, source: int) -> None:
-        """Takes a mate's samples: raw north and east, depth (m), (n, 3), in order of time."""
+        """Adds a mate's samples: raw north and east, depth (m), (n, 3), in order of time."""
         stamps_s = self.smoother.add_sample_positions(source, samples[:, :2])
         raw = np.where(np.isfinite(stamps_s), samples[:, :2].T, np.nan)
         north, east, depth = samples.T

@@ -49,7 +49,7 @@ class SurfacingFixes:
         return sum(map(len, self._groups))
 
     def add(self, fix: Fix) -> bool:
-        """Takes a fix; returns False if it is not finite."""
+        """Adds a fix; returns False if it is not finite."""
         row = (fix.stamp_s, fix.north_m, fix.east_m, fix.raw_north_m, fix.raw_east_m, fix.std_m)
         if not all(math.isfinite(value) for value in row):
             return False
@@ -108,7 +108,7 @@ class PositionSmoother:
         return [row for row in self._ranges if not row.by_ping or row.sent_s <= self._mates[row.sender].end_s]
 
     def fixes(self, vehicle: int) -> list[FixMeasurement]:
-        """The known surfacings of a vehicle."""
+        """One averaged GPS fix per surfacing of a vehicle."""
         found = self._surfacings.get(vehicle)
         return found.rows(self.config.fix_std_m) if found is not None else []
 
@@ -128,7 +128,7 @@ class PositionSmoother:
         return dict(self._earlier_distance_m)
 
     def add_dead_reckoning(self, position: DeadReckoning) -> None:
-        """Takes the vehicle's dead-reckoned position; the track continues if its clock is set back."""
+        """Adds the vehicle's dead-reckoned position; the track continues if its clock is set back."""
         if not (math.isfinite(position.stamp_s) and max(abs(position.north_m), abs(position.east_m)) <= FARTHEST_M):
             self.refused += 1
             return
@@ -139,12 +139,12 @@ class PositionSmoother:
             self.refused += 1
 
     def add_fix(self, fix: Fix) -> None:
-        """Takes a fix of the vehicle."""
+        """Adds a fix of the vehicle."""
         timed = dataclasses.replace(fix, stamp_s=self.clock.monotonic_s(fix.stamp_s))
         self.refused += not self._surfacings[self.vehicle].add(timed)
 
     def add_navigation(self, mate: MateNavigation) -> None:
-        """Takes the navigation data of a mate's packet with its travel time, or a range by ping."""
+        """Adds the navigation data of a mate's packet with its travel time, or a range by ping."""
         if mate.by_ping:
             if mate.source in self._mates:
                 self._add_range(mate, mate.stamp_s)
@@ -216,7 +216,7 @@ class PositionSmoother:
             self._ranges.append(row)
 
     def add_sample_positions(self, source: int, raw_m: Array) -> Array:
-        """Takes the dead-reckoned positions (n, 2) of a packet's samples, in order of time, after its navigation data.
+        """Adds the dead-reckoned positions (n, 2) of a packet's samples, in order of time, after its navigation data.
 
         Returns:
             Their times (n,), estimated from the mate's track; NaN if it has none.

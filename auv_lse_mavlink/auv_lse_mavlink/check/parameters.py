@@ -43,7 +43,7 @@ class ParameterReader:
         self._is_px4 = False
 
     def take(self, message: Message, is_px4: bool) -> None:
-        """Takes a PARAM_VALUE."""
+        """Handles a PARAM_VALUE."""
         self._is_px4 = is_px4
         self.values[message.param_id] = _decode(message, is_px4)
         self._kinds[message.param_id] = message.param_type

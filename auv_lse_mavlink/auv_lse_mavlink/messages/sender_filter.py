@@ -12,7 +12,7 @@ class SenderFilter:
     """Recognizes one autopilot's datagrams."""
 
     def __init__(self, codec: MavlinkCodec, autopilot: tuple[int, int], counts: Counter[str]) -> None:
-        """Uses `codec` to read; counts "strangers" and "strangers_unread" in `counts`."""
+        """Uses `codec` to read; counts "other_senders" and "other_senders_unread" in `counts`."""
         self._codec, self._autopilot, self._counts = codec, autopilot, counts
         self._examined_bytes = 0
 
@@ -26,12 +26,12 @@ class SenderFilter:
         Without the autopilot's ids, or beyond `EXAMINED_BYTES`, it is rejected before it is parsed.
         """
         found = bytes(self._autopilot) in datagram and self._examine(datagram)
-        self._counts["strangers"] += not found
+        self._counts["other_senders"] += not found
         return found
 
     def _examine(self, datagram: bytes) -> bool:
         self._examined_bytes += len(datagram)
         if self._examined_bytes > EXAMINED_BYTES:
-            self._counts["strangers_unread"] += 1
+            self._counts["other_senders_unread"] += 1
             return False
         return self._autopilot in self._codec.senders(datagram)

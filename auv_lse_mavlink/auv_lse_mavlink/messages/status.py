@@ -50,13 +50,13 @@ class AutopilotStatus:
         return bool(self.kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
 
     def heartbeat(self, message: Message) -> None:
-        """Takes a HEARTBEAT."""
+        """Handles a HEARTBEAT."""
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.mode = int(message.custom_mode)
         self.kind = (message.autopilot, message.type)
 
     def power(self, now_s: float, message: Message) -> None:
-        """Takes a SYS_STATUS: charge and voltage; or a BATTERY_STATUS: energy used since the autopilot's start."""
+        """Handles SYS_STATUS (charge and voltage) or BATTERY_STATUS (energy used since the autopilot's start)."""
         if message.get_type() == "BATTERY_STATUS":
             if self._battery_wh and message.id == 0 and message.energy_consumed >= 0:
                 used_wh = message.energy_consumed / HJ_PER_WH
@@ -72,7 +72,7 @@ class AutopilotStatus:
         return self._charge if now_s - self._charge_s <= CHARGE_S else math.nan
 
     def text(self, now_s: float, message: Message) -> str:
-        """Takes a STATUSTEXT; returns the text if an operator should read it, else "".
+        """Handles a STATUSTEXT; returns the text if an operator should read it, else "".
 
         A text that repeats itself is returned once in `TEXT_AGAIN_S`.
         """

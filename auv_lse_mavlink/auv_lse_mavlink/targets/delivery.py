@@ -66,7 +66,7 @@ class Delivery:
         self._is_doubtful = self._is_doubtful or now_s - self._agreed_s > STALE_S
 
     def feedback(self, now_s: float, wp_dist_m: float, apart_m: float, speed_mps: float) -> None:
-        """Takes wp_dist (m), while the vehicle is `apart_m` from its target; `speed_mps` is the vehicle's."""
+        """Adds a wp_dist (m), while the vehicle is `apart_m` from its target; `speed_mps` is the vehicle's."""
         if self._sent is None or now_s - self._sent_s < SETTLED_S:
             return
         allowed_m = AGREES_M + AGREES_S * speed_mps

@@ -36,7 +36,7 @@ class Lift:
         self._changed_s = -math.inf
 
     def update(self, now_s: float, target: Target | None, position: AutopilotEstimate) -> bool:
-        """Takes the current target and the vehicle's position; returns whether the target must be sent again."""
+        """Updates the climb to the current target; returns whether the target must be sent again."""
         keeper = self.keeper
         if keeper.least_m <= 0.0 or target is None or target.at_surface:
             self._target, self.climbs = None, False

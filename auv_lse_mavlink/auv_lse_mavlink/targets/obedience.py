@@ -64,7 +64,7 @@ class Obedience:
         self._shift_m: tuple[float, float] | None = None  # the estimate's jumps so far
 
     def update(self, now_s: float, target: Target, stopped: bool, diving: bool, position: AutopilotEstimate) -> None:
-        """Takes an estimate.
+        """Adds an estimate of the vehicle's state.
 
         Args:
             now_s: Time (s).

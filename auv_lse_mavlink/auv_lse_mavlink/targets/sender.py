@@ -162,7 +162,7 @@ class TargetSender:
             self._delivery.doubt(now_s)
 
     def feedback(self, now_s: float, wp_dist_m: float, position: AutopilotEstimate) -> None:
-        """Takes the distance (m) to its target that the autopilot reports, and an estimate of the same time."""
+        """Adds the distance (m) to its target that the autopilot reports, and an estimate of the same time."""
         if (target := self.current) is not None and not (self._is_mission or self.lift.climbs):
             apart_m = math.dist((target.north_m, target.east_m), (position.north_m, position.east_m))
             self._delivery.feedback(now_s, wp_dist_m, apart_m, position.speed_mps)
@@ -236,7 +236,7 @@ class TargetSender:
         self._renew()
 
     def set_state(self, ardupilot: bool, armed: bool, mode: int, obeys: bool) -> None:
-        """Takes the autopilot's state: it forgets target and speed when it is armed or enters a mode.
+        """Updates the autopilot's state: it forgets target and speed when it is armed or enters a mode.
 
         Args:
             ardupilot: Whether it is ArduPilot.

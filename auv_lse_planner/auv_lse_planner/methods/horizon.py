@@ -52,7 +52,7 @@ class Horizon:
         return not self.is_whole and step >= (1.0 - LATE_SHARE) * self.end
 
     def judged(self, step: int, found_share: float) -> None:
-        """Takes the share found (0 to 1) of a map that lacks the quality, at `step`."""
+        """Updates the horizon with the share found (0 to 1) of a map that lacks the quality, at `step`."""
         if self._asked is None or not self.is_near(step):
             return
         needed = math.ceil(step * self._asked / max(found_share, 1e-3))
@@ -60,7 +60,7 @@ class Horizon:
             self.end = min(needed, self._steps)
 
     def extend(self, step: int) -> None:
-        """Moves the horizon on if a decision from `step` would find no leg before it, or hardly one."""
+        """Extends the horizon if fewer than two legs remain before it at `step`."""
         if self.end - step < 2:
             self.end = min(step + LEAST_LEGS, self._steps)
 

@@ -197,7 +197,7 @@ def sums_along(space, states, actions, field, north0, east0, cell):
 
 @compiled
 def turn_least(space, state, count, ranks):
-    """Takes the feasible action with the lowest of `ranks` (A,) on each leg; returns the actions (count,)."""
+    """Actions (count,): on each leg the feasible one with the lowest of `ranks` (A,)."""
     actions = np.zeros(count, dtype=np.int64)
     heading, north, east = state[0], state[1], state[2]
     for index in range(count):

@@ -82,7 +82,7 @@ class Measured:
     """
 
     def __init__(self, posterior: Posterior, scaled: Array, cache_inverse: bool) -> None:
-        """Takes scaled locations (P, 2); `cache_inverse` inverts the posterior's factor: faster for many paths."""
+        """Prepares scaled locations (P, 2); `cache_inverse` inverts the posterior's factor: faster for many paths."""
         self._kernel = posterior.kernel
         self.scaled = scaled
         covariance = posterior.kernel.of_scaled(scaled, posterior.scaled)

@@ -29,7 +29,7 @@ class PathReward:
     """Path reward of one decision, whose data and team mates' positions are fixed."""
 
     def __init__(self, posterior: Posterior, level_set: LevelSetConfig, credit: str = "whole") -> None:
-        """Takes a posterior on which the team mates' positions are already planned.
+        """Evaluates paths on a posterior that has the team mates' planned positions.
 
         Raises:
             ValueError: for an unknown credit.

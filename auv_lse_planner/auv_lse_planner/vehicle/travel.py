@@ -131,7 +131,7 @@ class Travel:
         self.steps = step
 
     def skip_to(self, step: int) -> None:
-        """Takes the steps before `step` as travelled, along legs that are not known; the next one is due at once."""
+        """Counts the steps before `step` as travelled, along unknown legs; the next one is due at once."""
         self.leg = self._next_leg = None
         self.leg_started_s = math.nan
         self.decided = step

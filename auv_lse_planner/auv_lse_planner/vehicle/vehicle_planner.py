@@ -159,11 +159,11 @@ class VehiclePlanner:
             self.plans_refused += 1
 
     def odometry(self, now_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
-        """Takes the vehicle's estimated state at `now_s`; an impossible state is ignored and counted."""
+        """Updates the vehicle's estimated state at `now_s`; ignores and counts an impossible one."""
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
     def set_quality(self, now_s: float, quality: Quality, is_current: bool = True) -> bool:
-        """Takes the map's quality for the next decision, as `Until.judged`."""
+        """Updates the map's quality for the next decision, as `Until.judged`."""
         return self.until.judged(now_s, quality, self._travel.decided, is_current)
 
     def set_map_offset(self, north_m: float, east_m: float, covariance_m2: Array | None = None) -> None:

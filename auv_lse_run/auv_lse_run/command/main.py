@@ -26,7 +26,7 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
-from auv_lse_run.command.undisturbed import FULL, outlet, undisturbed
+from auv_lse_run.command.undisturbed import FULL, tolerant, undisturbed
 from auv_lse_run.process.interrupt import first_signal, note_signal, signals_raised
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a letter that the terminal lacks is no error
     if arguments is None:
-        sys.stderr = outlet(sys.stderr, drops_if_full=True)  # what it lacks changes no exit code
+        sys.stderr = tolerant(sys.stderr, drops_if_full=True)  # what it lacks changes no exit code
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # runs last; afterwards Python has no handlers
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:

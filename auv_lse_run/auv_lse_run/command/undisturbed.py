@@ -12,7 +12,7 @@ from typing import TextIO
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
-class _Outlet(io.TextIOWrapper):
+class _TolerantStream(io.TextIOWrapper):
     """A stream whose text goes nowhere once its reader has ended and, if wanted, while its disk is full.
 
     What writes to the descriptor is Python's own: a signal answered within a raw stream of ours, between the write and
@@ -57,7 +57,7 @@ class _Outlet(io.TextIOWrapper):
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
     """A context in which no write to standard output raises BrokenPipeError."""
-    before, sys.stdout = sys.stdout, outlet(sys.stdout)
+    before, sys.stdout = sys.stdout, tolerant(sys.stdout)
     try:
         yield
     finally:
@@ -66,7 +66,7 @@ def undisturbed() -> Iterator[None]:
             stream.flush()
 
 
-def outlet(stream: TextIO, *, drops_if_full: bool = False) -> TextIO:
+def tolerant(stream: TextIO, *, drops_if_full: bool = False) -> TextIO:
     """The same as a stream of this process, without BrokenPipeError; other streams, such as those of tests, unchanged.
 
     Args:
@@ -75,4 +75,4 @@ def outlet(stream: TextIO, *, drops_if_full: bool = False) -> TextIO:
     """
     if type(stream) is not io.TextIOWrapper:  # None: it was closed before the start
         return stream
-    return _Outlet(stream, drops_if_full=drops_if_full)
+    return _TolerantStream(stream, drops_if_full=drops_if_full)

@@ -15,7 +15,7 @@ class Rate:
         self._count = 0
 
     def note(self, now_s: float) -> None:
-        """Takes a message received at `now_s` (s)."""
+        """Counts a message received at `now_s` (s)."""
         self._times.append(now_s)
         self._count += 1
 
@@ -43,7 +43,7 @@ class Bandwidth:
         self._messages: deque[tuple[float, int]] = deque(maxlen=window)
 
     def note(self, now_s: float, size: int) -> None:
-        """Takes a message of `size` bytes received at `now_s` (s)."""
+        """Counts a message of `size` bytes received at `now_s` (s)."""
         self._messages.append((now_s, size))
 
     def text(self, now_s: float) -> str:

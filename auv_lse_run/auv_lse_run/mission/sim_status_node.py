@@ -62,7 +62,7 @@ class SimStatusWatch:
         return self._state
 
     def _on_status(self, message: SimStatus) -> None:
-        """Takes the end of a mission that this watch has seen waiting or running; ignores earlier missions."""
+        """Records the end of a mission that this watch has seen waiting or running; ignores earlier missions."""
         if message.dive != self._environment.get(DIVE_VARIABLE, ""):
             return
         self._begun = self._begun or message.state not in _ENDS

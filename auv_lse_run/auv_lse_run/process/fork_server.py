@@ -101,7 +101,7 @@ class ForkedProcess:
         return self.returncode
 
     def forked(self, pid: int) -> None:
-        """Takes the process id from the server."""
+        """Records the process id that the server reports."""
         self._pid = pid
 
     def ended(self, code: int) -> None:
@@ -337,7 +337,7 @@ def serve(modules: Sequence[str]) -> int:
 
 
 def _begin(request: Mapping[str, Any]) -> None:
-    """Takes environment and log file."""
+    """Sets environment and log file."""
     with open_log(Path(request["server_log"]), 2, append=True) as output:  # keeps the log of an earlier server
         if output != 2:
             os.dup2(output, 2)

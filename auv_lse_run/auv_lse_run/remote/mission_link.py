@@ -34,7 +34,7 @@ class Newest:
         self._count = 0
 
     def take(self, value: Any, now_s: float) -> None:
-        """Takes a message, by a steady clock."""
+        """Adds a message, stamped by a steady clock."""
         self.value, self._since_s = value, now_s
         self._count += 1
 

@@ -158,7 +158,7 @@ class _Replay:
         return float(before.mean()), float(after.mean())
 
     def travel(self, step: int) -> tuple[Array, Ints]:
-        """Takes the soundings of a leg of all vehicles; drop of risk at each location of it, and index of its
+        """Adds the soundings of a leg of all vehicles; drop of risk at each location of it, and index of its
         vehicle."""
         plans = [own.get(step) for own in self.decisions]
         locations = [

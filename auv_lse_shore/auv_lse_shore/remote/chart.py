@@ -95,7 +95,7 @@ class TeamChart:
         return {"cursor": self._tracks[name].cursor, "topics": {MISSION_FILE: 0.0, **topics}}
 
     def take(self, name: str, answer: Mapping[str, Any]) -> bool:
-        """Takes a vehicle's answer; returns whether there is more.
+        """Handles a vehicle's answer; returns whether there is more.
 
         Raises:
             ChartError: if it is not an excerpt.

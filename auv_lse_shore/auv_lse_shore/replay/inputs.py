@@ -135,7 +135,7 @@ class Pending(Generic[T]):
         return self._entries[self.taken][0] if self.taken < len(self._entries) else math.inf
 
     def take(self, ready: Callable[[float, T], bool]) -> Iterator[T]:
-        """Takes the next inputs for as long as `ready` holds of time (s) and value."""
+        """Pops the next inputs for as long as `ready(time (s), value)` holds."""
         while self.taken < len(self._entries) and ready(*self._entries[self.taken]):
             self.taken += 1
             yield self._entries[self.taken - 1][1]
@@ -200,12 +200,12 @@ class _Gathered:
         }
 
     def tune(self, received_s: float, changed: dict[str, Any]) -> None:
-        """Takes parameters changed by hand while the node ran."""
+        """Applies parameters changed by hand while the node ran."""
         if changed:
             self._found.tuned.append((received_s, changed))
 
     def take(self, name: str, stamp_s: float, received_s: float, value: Any) -> None:
-        """Takes a value of the vehicle's topic `name`, received at `received_s` (s)."""
+        """Applies a value of the vehicle's topic `name`, received at `received_s` (s)."""
         match name:
             case "modem/rx":
                 if not value.ping:

@@ -128,7 +128,7 @@ class _Recomputer:
         return rows
 
     def _take(self, now_s: float, taken: InputsUsed | None) -> None:
-        """Takes the inputs up to `now_s` (s), or those that the planner reported as `taken`."""
+        """Applies the inputs up to `now_s` (s), or those that the planner reported as `taken`."""
 
         def is_due(received_s: float, value: Any) -> bool:
             return received_s <= now_s + 1e-9

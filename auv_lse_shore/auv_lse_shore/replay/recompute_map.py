@@ -91,7 +91,7 @@ class RecomputedMap:
         return None if self._intake.corrector is None else self._intake.corrector.position
 
     def advance(self, now_s: float, revision: int | None = None) -> None:
-        """Takes the inputs up to `now_s` (s); without lockstep, until the map has the recorded `revision`."""
+        """Applies the inputs up to `now_s` (s); without lockstep, until the map has the recorded `revision`."""
         if self._lockstep:
             self._take(now_s)
             return

@@ -131,7 +131,7 @@ class MavlinkVehicle:
         self._upload = MissionProtocol(self._send, self._accept)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Takes bytes from a companion or ground station."""
+        """Handles bytes from a companion or ground station."""
         self._now_s = now_s
         for message in self._codec.decode(data):
             if not self._is_for_us(message) or self._upload.handle(now_s, message, self.fault is Fault.REFUSES):
@@ -256,7 +256,7 @@ class MavlinkVehicle:
     # ------------------------------------------------------------------ missions
 
     def _accept(self, items: tuple[Message, ...]) -> int:
-        """Takes a complete mission; returns MAV_MISSION_RESULT."""
+        """Accepts a complete mission, or not; returns MAV_MISSION_RESULT."""
         if not items:
             self.mission, self.current = (), 0
             return int(mavlink.MAV_MISSION_ACCEPTED)

@@ -100,7 +100,7 @@ class ModemEmulator:
         self._host.write(Revision(time=self._host.clock_text(now_s), ident="AUV", version=VERSION))
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Takes bytes from the host."""
+        """Handles bytes from the host."""
         for sentence in self._reader.feed(data):
             command = self._commands.get(sentence.type)
             if command is None:

@@ -283,7 +283,7 @@ class Simulation:
         self._gate.count(f"waypoints of auv{k}")
 
     def take_state(self, k: int, revision: int, status: RunStatus) -> None:
-        """Takes the mission status of vehicle `k`; without an autopilot the vehicle stops or continues at once."""
+        """Handles the mission status of vehicle `k`; without an autopilot the vehicle stops or continues at once."""
         self.runs[k - 1], self._statuses[k] = status.state, status
         if k not in self.links.autopilots:
             self.world.obey(k, status.stop_after(self._thens.get(k)))

@@ -20,7 +20,7 @@ class KeptAltitude:
         self._keeper, self._depth_m = AltitudeKeeper(least_m), math.inf
 
     def take(self, stamps_s: Array, results: Results, echoes_m: Array, wanted_m: float) -> float:
-        """Takes the sub-steps of a tick; returns the depth (m) to keep, infinite if nothing limits it.
+        """Adds the sub-steps of a tick; returns the depth (m) to keep, infinite if nothing limits it.
 
         Args:
             stamps_s: Their ends (n,).

@@ -170,7 +170,7 @@ class SimVehicle:
         return np.column_stack([self._results.north, self._results.east, self._results.depth])
 
     def command(self, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
-        """Takes the next leg.
+        """Begins the next leg.
 
         Args:
             speed_mps: Speed through the water; None: the configured one.

@@ -45,7 +45,7 @@ class Ledger:
         self.map_sizes: list[int] = []
 
     def take_record(self, step: int) -> None:
-        """Takes the record of a decision, which is published once."""
+        """Adds the record of a decision, which is published once."""
         if step <= self._last_record:
             self.broken.append(f"step {step} decided after step {self._last_record}")
         self._last_record = max(self._last_record, step)
@@ -53,7 +53,7 @@ class Ledger:
         self._recorded.add(step)
 
     def take_leg(self, step: int, end_m: tuple[float, float]) -> None:
-        """Takes the leg of a step, with its end: north, east (m). A restarted planner publishes its last one again."""
+        """Adds the leg of a step, with its end: north, east (m). A restarted planner publishes its last one again."""
         known_m = self._ends_m.setdefault(step, end_m)
         if max(abs(known_m[0] - end_m[0]), abs(known_m[1] - end_m[1])) > SAME_LEG_M:
             self.broken.append(f"the leg of step {step} was decided twice, with different ends")
@@ -68,7 +68,7 @@ class Ledger:
         return [before - after for before, after in pairwise(self.map_sizes) if after < before]
 
     def take_packet(self, stamp_s: float, payload: bytes) -> None:
-        """Takes a packet that is sent at `stamp_s`: in an own slot, with a counter that no other packet has."""
+        """Adds a packet sent at `stamp_s`, which must be in a slot of its sender and have a counter of its own."""
         if self._tdma.slot(stamp_s).owner != self.vehicle:
             self.broken.append(f"a packet at {stamp_s:.2f} s is outside of the vehicle's slots")
         body, tag = payload[: -self._tagger.size], payload[-self._tagger.size :]

@@ -145,7 +145,7 @@ class Witness:
         self._heard.publish(message)
 
     def spin(self, seconds: float) -> None:
-        """Takes a message, waiting at most `seconds` for it, and moves the vehicle."""
+        """Handles a message, waiting at most `seconds` for it, and moves the vehicle."""
         self._executor.spin_once(timeout_sec=seconds)
         self._move()
 

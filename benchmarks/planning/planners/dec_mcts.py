@@ -140,7 +140,7 @@ class DecMcts:
     replan_legs: int | None = 1
 
     def __init__(self, parameters: Parameters = PARAMETERS) -> None:
-        """Takes what the paper leaves open."""
+        """Sets what the paper leaves open."""
         self._parameters = parameters
 
     def path(self, view: View) -> Array:

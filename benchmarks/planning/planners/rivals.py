@@ -54,7 +54,7 @@ class Straddle:
     replan_legs: int | None = None
 
     def __init__(self, width: float = 1.96) -> None:
-        """Takes the factor on the standard deviation."""
+        """Sets the factor on the standard deviation."""
         self._width = width
 
     def path(self, view: View) -> Array:

@@ -29,7 +29,7 @@ class ContinuousSgp:
     replan_legs: int | None = None
 
     def __init__(self, python: Path | None) -> None:
-        """Takes the Python of the environment.
+        """Uses the Python of an environment.
 
         Raises:
             ValueError: without one.

@@ -61,8 +61,8 @@ class GpConfig:
         low=1,
         help="Maximum number of kernel centers; at most half from samples. Further centers are discarded and reported",
     )
-    min_depth_m: float = parameter(0.0, unit="m", help="A shallower sounding is refused as implausible")
-    max_depth_m: float = parameter(1000.0, unit="m", help="A deeper sounding is refused as implausible")
+    min_depth_m: float = parameter(0.0, unit="m", help="Minimum plausible depth; shallower soundings are rejected")
+    max_depth_m: float = parameter(1000.0, unit="m", help="Maximum plausible depth; deeper soundings are rejected")
     map_resolution_m: float = parameter(5.0, above=0.0, unit="m", help="Cell size of the map")
     publish_period_s: float = parameter(
         30.0,

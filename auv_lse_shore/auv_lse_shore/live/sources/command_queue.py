@@ -57,7 +57,7 @@ class CommandQueue:
             order.outcomes.set_result(dict.fromkeys(order.vehicles, ("not heard", MISSION_ENDED)))
 
     def order(self, name: object, vehicles: Sequence[object]) -> Future[dict[int, Outcome]]:
-        """Takes a command; returns the future outcome of each vehicle.
+        """Queues a command; returns the future outcome of each vehicle.
 
         Args:
             name: "hold", "surface" or "abort".

@@ -65,7 +65,7 @@ class MissionEvents:
     """
 
     def __init__(self, settings: Settings, maps_on_request: bool = False) -> None:
-        """Takes the mission file.
+        """Reads the mission file.
 
         Args:
             maps_on_request: Whether maps that vehicles do not publish are computed by `newest_map` only.

@@ -39,7 +39,7 @@ class OwnMap:
         self._waiting.clear()
 
     def add(self, rows: ArrayLike, source: int = 0) -> None:
-        """Takes own soundings: stamp (s), north, east, depth (m); of vehicle `source`, samples without stamps."""
+        """Adds own soundings: stamp (s), north, east, depth (m); of vehicle `source`, samples without stamps."""
         if not self.stopped:
             self._waiting.append((source, rows))
 

@@ -158,7 +158,7 @@ class _MergedMessages:
         self._looked_s = -math.inf
 
     def receive(self, topic: str, message: Any) -> None:
-        """Takes a live message. Odometry that goes back in time belongs to another mission."""
+        """Handles a live message. Odometry that goes back in time belongs to another mission."""
         stamp_s = seconds(message.header.stamp)
         if topic.endswith("/odometry"):
             self.restarted |= stamp_s < self._last_s.get(topic, stamp_s) - _BACK_S

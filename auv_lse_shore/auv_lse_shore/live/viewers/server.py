@@ -71,7 +71,7 @@ class LiveServer:
     """
 
     def __init__(self, timeline: Timeline, port: int, commands: CommandQueue | None = None) -> None:
-        """Takes the port; serves once an event loop runs.
+        """Binds the port; serves once an event loop runs.
 
         Args:
             port: TCP port, 0 for any free port.
@@ -141,7 +141,7 @@ class _Guard(tornado.web.RequestHandler):
     """Rejects requests that do not come from this machine's own page."""
 
     def initialize(self, timeline: Timeline, port: int) -> None:
-        """Takes the timeline and the server's port."""
+        """Sets the timeline and the server's port."""
         self.timeline = timeline
         self._hosts = {f"{name}:{port}" for name in _NAMES}
         self._port = port
@@ -191,7 +191,7 @@ class CommandHandler(_Guard):
     """Commands of the page's buttons to the vehicles of the mission that it shows."""
 
     def initialize(self, timeline: Timeline, port: int, commands: CommandQueue | None = None, token: str = "") -> None:
-        """Takes also the commands, None without --control, and the token."""
+        """Sets also the commands (None without --control) and the token."""
         super().initialize(timeline, port)
         self._commands, self._token = commands, token
 
@@ -207,7 +207,7 @@ class CommandHandler(_Guard):
             self._refuse("wrong or missing token. Open the address that auv_lse live --control printed")
 
     async def post(self) -> None:
-        """Takes {"mission": name of the timeline, "command": ..., "vehicles": [...]}; answers when all is known.
+        """Handles {"mission": name of the timeline, "command": ..., "vehicles": [...]}; answers when all is known.
 
         The answer has the outcome and text of each vehicle, by its number.
         """
@@ -252,7 +252,7 @@ class EventsHandler(_Guard, tornado.websocket.WebSocketHandler):
         return None
 
     def on_message(self, message: str | bytes) -> None:
-        """Takes the page's first message, {"name": ..., "have": ...}; closes on anything else."""
+        """Handles the page's first message, {"name": ..., "have": ...}; closes on anything else."""
         try:
             wanted = json.loads(message)
             name, have = str(wanted["name"]), int(wanted["have"])

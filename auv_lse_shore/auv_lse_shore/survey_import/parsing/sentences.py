@@ -60,7 +60,7 @@ class _Timed(NamedTuple):
 
 
 class SentenceReader:
-    """Takes the NMEA sentences of one log, in order."""
+    """Handles the NMEA sentences of one log, in order."""
 
     def __init__(self, content: LogContent, accept_checksums: bool) -> None:
         """Adds what it finds to `content` when it finishes."""

@@ -43,7 +43,7 @@ class AutoMission:
         return max(len(self.items) - 1, 0)
 
     def load(self, items: tuple[Message, ...]) -> None:
-        """Takes another mission; the index stays."""
+        """Replaces the mission; the index stays."""
         self.items = items
         if not self.total:
             self.state, self.current = NO_MISSION, 0

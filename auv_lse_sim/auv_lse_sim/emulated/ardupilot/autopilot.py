@@ -114,7 +114,7 @@ class ArduPilot:
     # ------------------------------------------------------------------ calls of the owner
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Takes bytes from a companion or ground station."""
+        """Handles bytes from a companion or ground station."""
         self._tick(now_s)
         for message in self._codec.decode(data):
             target = getattr(message, "target_system", 0)
@@ -129,7 +129,7 @@ class ArduPilot:
                 handler(self, message)
 
     def report(self, now_s: float, report: Report) -> None:
-        """Takes the vehicle's estimate at the end of a tick, and sends the telemetry."""
+        """Updates the vehicle's estimate at the end of a tick, and sends the telemetry."""
         self._tick(now_s)
         moved_m = math.dist((report.north_m, report.east_m), (self._last.north_m, self._last.east_m))
         self.battery = max(self.battery - moved_m / self.setup.lasts_m, 0.0)
@@ -238,7 +238,7 @@ class ArduPilot:
         return True
 
     def change_speed(self, speed_mps: float) -> bool:
-        """Takes a speed (m/s) for the present mode."""
+        """Sets the speed (m/s) of the present mode."""
         self._speed_mps = speed_mps
         return True
 

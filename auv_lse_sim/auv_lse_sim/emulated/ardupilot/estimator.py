@@ -29,7 +29,7 @@ class Estimator:
         self._boot_s: float | None = None
 
     def tick(self, now_s: float) -> None:
-        """Takes the time."""
+        """Advances to a time."""
         self._now_s = now_s
         if self._boot_s is None:
             self._boot_s = now_s - RUNNING_S
@@ -91,5 +91,5 @@ class Estimator:
         return True
 
     def take(self, origin: Origin | None) -> None:
-        """Takes an origin."""
+        """Sets the origin."""
         self.datum, self._has_origin = Datum(self.datum.mission, origin), True

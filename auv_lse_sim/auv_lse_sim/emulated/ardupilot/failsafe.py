@@ -51,12 +51,12 @@ class Failsafes:
         self._gcs_text_s = self._leak_text_s = -math.inf
 
     def hear_station(self, now_s: float, system: int) -> None:
-        """Takes a heartbeat of a system."""
+        """Handles a heartbeat of a system."""
         if system == round(self._parameters["SYSID_MYGCS"]):
             self._gcs_s = now_s
 
     def hear_pilot(self, now_s: float) -> None:
-        """Takes a joystick's message."""
+        """Handles a joystick's message."""
         self._pilot_s = now_s
 
     @property

@@ -169,7 +169,7 @@ class SubGuidance:
         return Pose(position_m=position, heading_rad=heading, velocity_mps=velocity)
 
     def correct(self, now_s: float, north_m: float, east_m: float, depth_m: float, heading_rad: float) -> None:
-        """Takes the estimate: the next trajectory begins there if the vehicle cannot follow this one."""
+        """Updates the estimate: the next trajectory begins there if the vehicle cannot follow this one."""
         self._lag_m = np.array([north_m, east_m, depth_m]) - self.at(now_s).position_m
 
     def go(self, now_s: float, position_m: Array, heading_rad: float, speed_mps: float) -> None:
