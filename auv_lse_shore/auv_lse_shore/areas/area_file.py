@@ -1,12 +1,13 @@
 """Reads an area file; its content, not its suffix, decides how."""
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from auv_lse_common.mission_file.degrees import AreaContent
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.input_bounds import over_size
-from auv_lse_common.support.plurals import counted, listed
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.text import decoded
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.corner_table import corner_table_features
@@ -15,8 +16,8 @@ from auv_lse_shore.areas.gdal_layers import gdal_features, zipped_features
 from auv_lse_shore.areas.geojson import geojson_features, json_of
 from auv_lse_shore.areas.gpx import gpx_features
 from auv_lse_shore.areas.kml import is_kmz, kml_features, kmz_features
-from auv_lse_shore.areas.plans import corner_list_features, qgc_features, waypoint_features
-from auv_lse_shore.areas.roles import MAX_LISTED, content_of
+from auv_lse_shore.areas.plans import corner_list_features, is_fence, qgc_features, waypoint_features
+from auv_lse_shore.areas.roles import content_of, listed_names
 from auv_lse_shore.areas.xml_tree import read_xml
 
 KINDS = (
@@ -69,6 +70,8 @@ def read_area(path: str | Path) -> AreaContent:
         return content_of(list(_features(data, path)), str(path))
     except ParameterError:
         raise
+    except json.JSONDecodeError as error:
+        raise ParameterError(f"{path} is not valid JSON: {error}. Export it again, as {KINDS}") from error
     except (LookupError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
         raise ParameterError(
             f"{path} is damaged, or not what it seems: {type(error).__name__}: {brief(error)}. "
@@ -97,8 +100,9 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
         return qgc_features(found, where) if is_plan else geojson_features(found, where)
     if text.lstrip().startswith("QGC WPL"):
         return waypoint_features(text.lstrip(), where)
-    if path.suffix.lower() in _CORNER_LISTS:
-        return corner_list_features(text, where, path.suffix.lower())
+    suffix = ".fen" if is_fence(text) else path.suffix.lower()
+    if suffix in _CORNER_LISTS:
+        return corner_list_features(text, where, suffix)
     if table := corner_table_features(path):
         return iter(table)
     what = "is empty" if not data.strip() else f"is not a known kind of area file ({path.suffix or 'no suffix'})"
@@ -120,5 +124,5 @@ def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
     if beyond := [text for number, text in own if number > vehicles]:
         notes.append(f"{path.name}: ignored {', '.join(beyond)}: the mission has {counted(vehicles, 'vehicle')}")
     if content.ignored:
-        notes.append(f"{path.name}: ignored {listed([repr(name) for name in content.ignored], MAX_LISTED)}")
+        notes.append(f"{path.name}: ignored {listed_names(content.ignored)}")
     return notes

@@ -14,6 +14,8 @@ from auv_lse_common.support.arrays import Array
 #: Properties that state what a feature is, most explicit first, and those that name it; capitals do not count.
 _ROLE_KEYS = ("role", "type", "kind", "class", "category", "zone", "use", "usage")
 _NAME_KEYS = ("name", "title", "label", "id")
+#: Characters of a geometry that an error quotes.
+_MOST = 100
 #: What stands for true and false.
 TRUE = ("true", "yes", "y", "t", "x", "on", "1", "1.0", "ja", "oui", "si", "sí")
 FALSE = ("false", "no", "n", "f", "off", "0", "0.0", "nein", "non")
@@ -86,12 +88,24 @@ def with_geometry(named: Feature, geometry: Mapping[str, Any] | None, where: str
     """The features of a GeoJSON geometry, one for each polygon, line and point in it.
 
     Raises:
-        ParameterError: for a kind of geometry that is not known.
-        KeyError, TypeError, ValueError: if it is not GeoJSON.
+        ParameterError: for a kind of geometry that is not known, and if it is not GeoJSON; names the feature.
     """
     if geometry is None:
         yield replace(named, name=named.name or "without a geometry")
         return
+    try:
+        yield from _parts(named, geometry, where)
+    except ParameterError:
+        raise
+    except (LookupError, TypeError, ValueError) as error:
+        shown = str(geometry)
+        shown = shown if len(shown) <= _MOST else f"{shown[:_MOST]} ..."
+        raise ParameterError(
+            f"{where}: {named.name!r} has the geometry {shown}, which is not GeoJSON. Export the file again"
+        ) from error
+
+
+def _parts(named: Feature, geometry: Mapping[str, Any], where: str) -> Iterator[Feature]:
     kind = str(geometry["type"])
     single = kind.removeprefix("Multi")
     inside = geometry["geometries" if kind == "GeometryCollection" else "coordinates"]

@@ -2,6 +2,7 @@
 
 import io
 import tempfile
+import warnings
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -33,6 +34,8 @@ def gdal_features(path: Path, where: str) -> Iterator[Feature]:
         raise ParameterError(
             f"{where}: reading it needs pyogrio, which is not installed. pip install pyogrio, or save it as GeoJSON"
         ) from None
+    # an area has no heights and no measures
+    warnings.filterwarnings("ignore", message="Measured .* not supported", module="pyogrio")
     try:
         layers = [(str(name), kind) for name, kind in pyogrio.list_layers(path)]
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:

@@ -42,8 +42,13 @@ def geojson_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
         raise ParameterError(f"{where} is TopoJSON. Convert it to GeoJSON: ogr2ogr -t_srs EPSG:4326 area.geojson FILE")
     layer = str(data.get("name") or "")
     convert = to_degrees(_crs(data.get("crs")), where)
-    for number, feature in enumerate(data["features"] if data["type"] == "FeatureCollection" else [data], 1):
-        is_feature = feature["type"] == "Feature"
+    features = data.get("features") if data["type"] == "FeatureCollection" else [data]
+    if not isinstance(features, list):
+        raise ParameterError(f"{where} is a FeatureCollection without a list of features. Export it again")
+    for number, feature in enumerate(features, 1):
+        if not isinstance(feature, Mapping):
+            raise ParameterError(f"{where}: feature {number} is {str(feature)[:80]}, no object. Export the file again")
+        is_feature = feature.get("type") == "Feature"
         properties = dict((is_feature and feature.get("properties")) or {})
         if is_feature and "id" in feature and not any(str(key).lower() in ("id", "name") for key in properties):
             properties["id"] = feature["id"]

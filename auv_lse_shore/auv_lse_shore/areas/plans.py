@@ -1,4 +1,4 @@
-"""Plans and fences of QGroundControl (.plan) and Mission Planner (.waypoints, .poly, .fen, .ral)."""
+"""Plans and fences of QGroundControl (.plan), Mission Planner (.waypoints, .poly, .fen, .ral) and MAVProxy."""
 
 import math
 import re
@@ -19,6 +19,7 @@ _CIRCLE_CORNERS = 36
 _INSIDE = "inclusion fence"
 #: Numbers with commas and without points: of a line with more than two, they are decimals.
 _DECIMAL_COMMAS = re.compile(r"[+-]?\d+(?:,[+-]?\d+)+[,;]?")
+_DEGREES = re.compile(r"-?\d+\.\d+")
 #: MAV_CMD_NAV_FENCE_* and rally points in a waypoint file.
 _FENCE_RETURN, _POLYGON_IN, _POLYGON_OUT, _CIRCLE_IN, _CIRCLE_OUT, _RALLY = 5000, 5001, 5002, 5003, 5004, 5100
 
@@ -133,6 +134,13 @@ def waypoint_features(text: str, where: str) -> Iterator[Feature]:
         raise ParameterError(f"{where}: fence {number} has {len(polygon)} of {expected} corners. Export it again")
     if others:
         yield Feature(f"{others} x waypoint")
+
+
+def is_fence(text: str) -> bool:
+    """Whether a text is a fence as MAVProxy saves it: rows of latitude and longitude, closed after its return point."""
+    rows = [line.split() for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    is_closed = len(rows) > 4 and rows[1] == rows[-1] != rows[0]
+    return is_closed and all(len(row) == 2 and all(map(_DEGREES.fullmatch, row)) for row in rows)
 
 
 def corner_list_features(text: str, where: str, suffix: str) -> Iterator[Feature]:

@@ -6,6 +6,7 @@ shore is a line or the outline of a polygon. The one remaining polygon, or a clo
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -25,7 +26,7 @@ MAX_EXTENT_DEG = 2.0
 #: Largest number of rings in a file; those of an area have at most 2,000 corners together.
 MAX_RINGS = 700
 #: Number of names that an error or a note lists.
-MAX_LISTED = 8
+_MAX_LISTED = 8
 
 
 def content_of(features: Sequence[Feature], where: str) -> AreaContent:
@@ -57,7 +58,7 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
             content.ignored.append(feature.name or _kind(feature))
     areas = _one_each(areas, content) or [_outlined(line, content, where) for line in lines[:1] if len(lines) == 1]
     if len(areas) > 1 or (not areas and len(lines) > 1):
-        names = listed([repr(f.name or "without a name") for f in areas or lines], MAX_LISTED)
+        names = listed_names([f.name or "without a name" for f in areas or lines])
         what = f"{len(areas or lines)} {'polygons' if areas else 'lines'}"
         raise ParameterError(f"{where}: {what} may be the operating area: {names}. {NAMING}")
     if areas:
@@ -71,8 +72,14 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
 
 
 def _nothing_usable(content: AreaContent, where: str) -> str:
-    shown = listed([repr(name) for name in content.ignored], MAX_LISTED)
+    shown = listed_names(content.ignored)
     return f"{where} has no polygon{f', only {shown}' if shown else ''}. Draw the operating area as a polygon"
+
+
+def listed_names(names: Sequence[str]) -> str:
+    """The names of features, each once with its number."""
+    numbers = Counter(names).items()
+    return listed([f"{number} x {name!r}" if number > 1 else repr(name) for name, number in numbers], _MAX_LISTED)
 
 
 def _kind(feature: Feature) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import sqlite3
 import zipfile
 
 import numpy as np
@@ -301,7 +302,7 @@ def test_geojson_with_a_feature_on_each_line_is_read_as_qgis_writes_it(tmp_path,
     assert list(content.no_go) == ["no_go_pier"]
     indented = "".join(f"\x1e{json.dumps(json.loads(line), indent=1)}\n" for line in lines)
     assert list(read(tmp_path, indented, "a.geojsons").no_go) == ["no_go_pier"]
-    with pytest.raises(ParameterError, match=r"damaged, .*Expecting.*line 2 column"):
+    with pytest.raises(ParameterError, match=r"not valid JSON: Expecting.*line 2 column"):
         read(tmp_path, '{"type": "FeatureCollection",\n"features": [,', "b.geojson")
 
 
@@ -507,6 +508,14 @@ def test_corner_lists_of_mission_planner_are_the_area(tmp_path, name, first):
     np.testing.assert_array_equal(content.area, AREA)
 
 
+def test_a_fence_that_mavproxy_saved_begins_with_its_return_point(tmp_path):
+    """It has no header and any suffix; the fence is closed, its return point lies inside."""
+    lines = [f"{lat:.6f}\t{lon:.6f}" for lat, lon in [[47.302, 8.504], *LAT_LON, LAT_LON[0]]]
+    content = read(tmp_path, "\n".join(lines) + "\n", "fence.txt")
+    np.testing.assert_array_equal(content.area, AREA)
+    assert content.ignored == ["fence return point"]
+
+
 @pytest.mark.parametrize(
     ("name", "line"),
     [
@@ -664,3 +673,39 @@ def test_an_error_lists_the_first_of_many_polygons(tmp_path):
     data = json.dumps({"type": "FeatureCollection", "features": [band(n) for n in range(200)]})
     with pytest.raises(ParameterError, match=r"200 polygons may be .*: 'band 0', .*, 'band 7' and 192 more\."):
         read(tmp_path, data, "a.geojson")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('{"type": "FeatureCollection"}', r"a\.geojson is a FeatureCollection without a list of features"),
+        ('{"type": "FeatureCollection", "features": {}}', "without a list of features"),
+        ('{"type": "FeatureCollection", "features": [7]}', "feature 1 is 7"),
+        ('{"type": "Polygon"}', r"'feature 1' has the geometry {'type': 'Polygon'}, which is not GeoJSON\. Export"),
+        (
+            '{"type": "Polygon", "coordinates": [[1, 2], [3, 4]]}',
+            r"'feature 1' has the geometry .*\[\[1, 2\], \[3, 4\]\]",
+        ),
+        ('{"type": "Feature", "geometry": 3, "properties": {"name": "Bay"}}', "'Bay' has the geometry 3, which is"),
+        ('{"type": "Feature", "geometry": {"type": "Point", "coordinates": ["x", 3]}}', "which is not GeoJSON"),
+        ('{"type": "Polygon", "coordinates": [[[8, 47], [8', r"a\.geojson is not valid JSON: .* line 1 column 49"),
+    ],
+)
+def test_a_geojson_with_a_fault_names_its_feature(tmp_path, text, problem):
+    with pytest.raises(ParameterError, match=problem) as raised:
+        read(tmp_path, text, "a.geojson")
+    assert "Error:" not in str(raised.value)
+
+
+def test_ignored_features_of_one_name_are_counted(tmp_path):
+    points = placemark("mark", "<Point><coordinates>8.5,47.3</coordinates></Point>") * 12
+    with pytest.raises(ParameterError, match="has no polygon, only 12 x 'mark'"):
+        read(tmp_path, document(points))
+
+
+def test_measures_of_a_line_are_not_worth_a_warning(tmp_path, recwarn):
+    path = gdal_file(tmp_path, "a.gpkg", lakes={"Bay": LAKE})
+    with sqlite3.connect(path) as database:  # pyogrio reads measures, but does not write them
+        database.execute("UPDATE gpkg_geometry_columns SET m = 1")
+    np.testing.assert_array_equal(read_area(path).area, AREA)
+    assert not recwarn.list
