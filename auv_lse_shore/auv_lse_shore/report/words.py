@@ -23,8 +23,8 @@ from auv_lse_shore.report.page import number
 #: Number of stretches that the report lists one by one, and the shortest (m) that it lists.
 MAX_STRETCHES, MIN_STRETCH_M = 3, 10.0
 
-#: Expected and actual loss are called close if they differ by less than this factor.
-CLOSE = 1.5
+#: Expected and actual loss agree up to the first factor; up to the second, the map is slightly wrong about them.
+EQUAL, CLOSE = 1.1, 1.5
 
 #: Losses (cost per location) below this are all called close: the report shows three digits.
 NEGLIGIBLE_LOSS = 5e-4
@@ -395,13 +395,11 @@ def _outside(e: Evaluation) -> str:
 def _loss(s: Summary) -> str:
     if s.loss_after is None:
         return ""
-    verdict = "the two are close"
-    if max(s.loss_expected, s.loss_after) < NEGLIGIBLE_LOSS:
-        pass
-    elif s.loss_expected > CLOSE * s.loss_after:
-        verdict = "the map is conservative"
-    elif s.loss_after > CLOSE * s.loss_expected:
-        verdict = "the map is overconfident"
+    verdict = "the two agree"
+    less, more = sorted((s.loss_expected, s.loss_after))
+    if more >= NEGLIGIBLE_LOSS and more > EQUAL * less:
+        much = "" if more > CLOSE * less else "slightly "
+        verdict = f"the map is {much}{'conservative' if more == s.loss_expected else 'overconfident'}"
     return (
         f"Expected loss {_three(s.loss_expected)} per location, actual loss {_three(s.loss_after)}: {verdict}. Loss "
         "counts wrong calls by the standard deviation that the soundings show; map risk uses the prior's, which is "

@@ -268,15 +268,22 @@ def test_a_mission_that_is_planned_for_a_share_found_promises_no_bound(synthetic
 
 
 @pytest.mark.parametrize(
-    ("loss", "words"), [(0.1, "map is conservative"), (1.0, "the two are close"), (4.0, "map is overconfident")]
+    ("loss", "words"),
+    [
+        (0.1, "the map is conservative"),
+        (0.7, "the map is slightly conservative"),
+        (1.0, "the two agree"),
+        (1.4, "the map is slightly overconfident"),
+        (4.0, "the map is overconfident"),
+    ],
 )
 def test_the_expected_loss_is_compared_with_the_actual_one(synthetic_run, loss, words):
     assert words in text_of(judged(synthetic_run, loss_expected=1.0, loss_after=loss))
 
 
 @pytest.mark.parametrize("actual", [1e-6, 0.0])
-def test_losses_that_are_both_negligible_are_called_close(synthetic_run, actual):
-    assert "the two are close" in text_of(judged(synthetic_run, loss_expected=4e-6, loss_after=actual))
+def test_losses_that_are_both_negligible_agree(synthetic_run, actual):
+    assert "the two agree" in text_of(judged(synthetic_run, loss_expected=4e-6, loss_after=actual))
 
 
 @pytest.mark.parametrize(
