@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,9 +30,9 @@ class Reliability:
         safe: Number of safe locations, shape (`CLASSES`,).
     """
 
-    cells: tuple[float, ...]
+    cells: tuple[int, ...]
     expected: tuple[float, ...]
-    safe: tuple[float, ...]
+    safe: tuple[int, ...]
 
     @classmethod
     def of(cls, p_safe: ArrayLike, safe: ArrayLike) -> Reliability:
@@ -46,19 +47,19 @@ class Reliability:
         if not ((p >= 0.0) & (p <= 1.0)).all():
             raise ValueError(f"p_safe has values from {p.min()} to {p.max()}, but probabilities are from 0 to 1")
         which = np.clip(np.searchsorted(EDGES, p, side="right") - 1, 0, CLASSES - 1)
-
-        def sums(weights: Array) -> tuple[float, ...]:
-            return tuple(np.bincount(which, weights, minlength=CLASSES).tolist())
-
-        return cls(cells=sums(np.ones_like(p)), expected=sums(p), safe=sums(is_safe.astype(float)))
+        return cls(
+            cells=tuple(np.bincount(which, minlength=CLASSES).tolist()),
+            expected=tuple(np.bincount(which, p, minlength=CLASSES).tolist()),
+            safe=tuple(np.bincount(which[is_safe], minlength=CLASSES).tolist()),
+        )
 
     @classmethod
     def together(cls, parts: Sequence[Reliability]) -> Reliability:
         """The sums over several maps."""
 
-        def added(name: str) -> tuple[float, ...]:
+        def added(name: str) -> tuple[Any, ...]:
             rows = [getattr(part, name) for part in parts]
-            return tuple(np.sum(rows, axis=0, initial=0.0).tolist()) if rows else (0.0,) * CLASSES
+            return tuple(np.sum(rows, axis=0).tolist()) if rows else (0,) * CLASSES
 
         return cls(cells=added("cells"), expected=added("expected"), safe=added("safe"))
 

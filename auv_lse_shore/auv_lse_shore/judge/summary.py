@@ -89,15 +89,15 @@ class Summary:
         "actual loss: mean cost of the final map's wrong calls; equals loss_expected if it is calibrated",
     )
     reliability_error: float | None = figure(
-        "", "mean over the map of |share safe - mean P(deep enough)| of a location's class of it; 0 is calibrated"
+        "", "mean over locations of |share safe - mean P(deep enough)| in the location's class; 0: calibrated"
     )
-    reliability_cells: tuple[float, ...] | None = figure(
+    reliability_cells: tuple[int, ...] | None = figure(
         "",
         "locations in each class of P(deep enough), the probability of being at least the level deep: tenths, finer "
         "at both ends",
     )
     reliability_expected: tuple[float, ...] | None = figure("", "expected number of safe locations in each class")
-    reliability_safe: tuple[float, ...] | None = figure("", "actual number of safe locations in each class")
+    reliability_safe: tuple[int, ...] | None = figure("", "actual number of safe locations in each class")
     deep_m2: float = figure("m2", "area that is at least the level deep with at least 95 % probability")
     shallow_m2: float = figure("m2", "area that is shallower with at least 95 % probability")
     unsure_m2: float = figure("m2", "rest of the area")
