@@ -1,4 +1,4 @@
-"""A vehicle's battery beside its mission: whether GO is refused, and when the vehicle goes home. No ROS, no clock."""
+"""Compares a vehicle's battery with its mission: refuses GO, and sends the vehicle home in time. No ROS, no clock."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT
 from auv_lse_common.vocabulary.mission_run import Action
 from auv_lse_planner.paths.motion import MotionTable
 
-#: Standard deviation of the way that a full battery lasts, as a share of it, below which that is learned: the filter
-#: begins with 0.3.
+#: The range of a full battery counts as learned below this relative standard deviation; the filter begins with 0.3.
 LEARNED_SHARE = 0.2
 #: GO is refused if the battery is expected to last for less than this share of the legs.
 LEAST_SHARE = 0.5
@@ -26,13 +25,13 @@ class BatteryWatch:
     """The battery of one vehicle, its mission, and the way to its recovery position.
 
     Attributes:
-        use: What is learned under way.
+        use: The estimated use of charge, updated under way.
         legs: Legs of the mission.
-        leg_m: Length of one.
-        stated_m: Way that a full battery is stated to last (m); None: it is not.
+        leg_m: Length of a leg.
+        stated_m: Range (m) of a full battery by `vehicle.battery_km`; None: not stated.
         home_m: The recovery position (north, east); None: the mission ends elsewhere.
-        farthest_m: Greatest distance in the area from there.
-        warning: What the last GO warned of; "" if nothing.
+        farthest_m: Greatest distance from it in the area.
+        warning: Warning of the last GO; "" if none.
         went: Whether a GO was accepted.
     """
 
@@ -70,14 +69,14 @@ class BatteryWatch:
 
     @property
     def is_watched(self) -> bool:
-        """Whether a charge must be left."""
+        """Whether a reserve must remain in the battery."""
         return self.use.reserve > 0.0
 
     def answer_go(self, charge: float) -> tuple[str, str]:
         """Compares the whole mission with a charge (0 to 1; NaN: unknown).
 
         Returns:
-            Reason to refuse GO, and a warning; "" if there is none. Without a stated way or a charge, only a warning.
+            Reason to refuse GO, and a warning; "" if there is none. Without a stated range or a charge, only a warning.
         """
         if not self.is_watched or self.stated_m is None:
             return "", ""
@@ -96,7 +95,7 @@ class BatteryWatch:
         return (text, "") if legs < LEAST_SHARE * self.legs else ("", text)
 
     def take(self, now_s: float, way: tuple[float, float, float, float]) -> str:
-        """Adds way (m), charge, north and east (m); returns why the mission ends now, "" if it goes on."""
+        """Adds distance (m), charge, north, east (m); returns why the mission must end now, "" if it need not."""
         way_m, charge, north_m, east_m = way
         self.use.take(now_s, charge, way_m, north_m, east_m)
         if self.home_m is None or not self.use.must_turn(self._to_home(north_m, east_m)):
@@ -106,7 +105,7 @@ class BatteryWatch:
         return f"the battery ({left:.0%}) suffices for the {home_m:.0f} m to the recovery position, and not for more"
 
     def values(self, north_m: float, east_m: float) -> dict[str, str]:
-        """What diagnostics show: the legs left by battery, and the way that a full battery lasts once it is learned."""
+        """Diagnostics: the legs that the battery has left, and the range of a full battery once it is learned."""
         if not self.use.is_known:
             return {}
         lasts_m, std_m = self.use.lasts_m

@@ -102,7 +102,7 @@ class PlannerNode(VehicleNode):
     def _resume(self) -> None:
         """After a restart: resumes after the journal's last decision, with the team plans received until then.
 
-        Steps that the state file has as decided, but the journal has not, are skipped. Republishes plan and waypoint
+        Skips steps that are decided by the state file, but are missing from the journal. Republishes plan and waypoint
         with their original stamps, for readers that start later.
         """
         decided: list[Any] | None = None
@@ -180,7 +180,7 @@ class PlannerNode(VehicleNode):
             self._planning_s = time.perf_counter() - began
             if self.journal.kept:
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
-            self.state.write({"decided": self._planner.decided})  # before anyone learns of it
+            self.state.write({"decided": self._planner.decided})  # saved before it is published
             self._publish(now_s, decision)
         if self._planner.finished and not self._finish_kept:
             self._finish_kept = True
@@ -191,7 +191,7 @@ class PlannerNode(VehicleNode):
         self._diagnose(now_s)
 
     def _note_judgement(self) -> None:
-        """Enters a judgement of the map, for `mission.until`, into the journal."""
+        """Journals a judgement of the map for `mission.until`."""
         until = self._planner.until
         self.journal.write("judged", until.snapshot())
         if until.met == IN_A_ROW:

@@ -27,9 +27,9 @@ class Safety:
     watch: SafetyWatch
     config: SafetyConfig
     battery: BatteryWatch
-    _rebooted: bool = False  # and it is not known yet where the vehicle is
-    _wet_steps: int = 0  # steps under water less those at the surface, since the first known depth
-    _since_s: float = math.nan  # since when the mission is in doubt with a known depth
+    _rebooted: bool = False  # and the vehicle's depth is not known yet
+    _wet_steps: int = 0  # steps under water minus steps at the surface, since the first known depth
+    _since_s: float = math.nan  # time of the first of these steps; NaN if none
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int, waits: bool = False) -> Safety:
@@ -89,7 +89,7 @@ class Safety:
         return refusal
 
     def step(self, now_s: float) -> None:
-        """Checks every limit, and what to do after a reboot or while waiting for a GO that cannot arrive."""
+        """Checks every limit; reacts to a reboot, and to waiting under water for a GO that cannot arrive."""
         self.watch.step(now_s, self.run)
         self._watch_battery(now_s)
         under_water = self.watch.under_water
@@ -110,7 +110,7 @@ class Safety:
             self.run.trip("waiting", Stop(action=Action.SURFACE), reason)
 
     def _watch_battery(self, now_s: float) -> None:
-        """Learns how far the battery lasts; ends the mission while it suffices for the way to the recovery position."""
+        """Updates the battery's range; ends the mission while it still reaches the recovery position."""
         way = self.watch.way
         if way is None or not self.battery.is_watched or self.run.status.state is not RunState.RUNNING:
             return
@@ -119,7 +119,7 @@ class Safety:
 
     @property
     def warnings(self) -> dict[str, str]:
-        """Exceeded limits that have not tripped, and what GO warned of, until the battery is known; with reasons."""
+        """Reasons of exceeded limits that have not tripped, by key, and of GO's warning until the battery is known."""
         is_news = self.battery.warning and not self.battery.use.is_known and self.run.status.state is RunState.RUNNING
         return self.watch.warnings | ({"mission": self.battery.warning} if is_news else {})
 
@@ -140,7 +140,7 @@ class Safety:
             values: The last `snapshot`; empty at a first start, or if it is lost.
             lost: Why it is lost, or "".
             rebooted: Whether all the vehicle's programs were started again since.
-            doubt: Why something else of the dive is not trusted since then, so that no mission goes on; or "".
+            doubt: Why other state of the dive cannot be trusted, so that no mission may continue; or "".
         """
         if not values:
             if lost or doubt:

@@ -30,8 +30,8 @@ _DIAGNOSTICS_PERIOD_S = 10.0
 _HEARTBEAT_S = 1.0
 #: How long (s) the watch waits for a slow disk. The state is in memory by then, so a restarted node knows it.
 _DISK_WAIT_S = 0.2
-#: How often (s) the node notes that it takes commands, and how long after it took none those of that time may arrive.
-_ATTENTIVE_S, _ARREARS_S = 0.5, 3.0
+#: Period (s) at which the node notes that it takes commands; after a pause, time (s) for delayed commands to arrive.
+_LISTENING_PERIOD_S, _BACKLOG_S = 0.5, 3.0
 
 
 class SafetyNode(VehicleNode):
@@ -43,7 +43,7 @@ class SafetyNode(VehicleNode):
         doubt = os.environ.get(DOUBT_VARIABLE, "")
         self._safety.run.note_start(time.monotonic())
         self._safety.recover(self.state.values, self.state.lost, self.state.rebooted, doubt)
-        self._keep()
+        self._save_state()
         self.show_parameters(
             {
                 "safety": section(SafetyConfig, self.parameters, "safety", self.where),
@@ -52,13 +52,13 @@ class SafetyNode(VehicleNode):
         )
         self._published = 0
         self._reported: tuple[object, ...] = ()
-        self._report: RunReport | None = None  # published last
+        self._report: RunReport | None = None  # last published
         self._heartbeats = Periodic(_HEARTBEAT_S)
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._new_problems = NewProblems()
-        self._attentive_s = time.monotonic()  # when it last noted that it takes commands
-        self._arrears: tuple[float, float] | None = None  # when it took no commands: from, to
-        self.create_timer(_ATTENTIVE_S, self._attend)
+        self._listened_s = time.monotonic()  # when it last noted that it takes commands
+        self._pause: tuple[float, float] | None = None  # last pause in which it took none: from, to
+        self.create_timer(_LISTENING_PERIOD_S, self._note_listening)
         self._state = self.publisher("mission/state")
         self.listen("odometry", self._on_odometry)
         self.listen("altitude", lambda altitude: self._safety.watch.altitude(altitude.altitude_m))
@@ -90,20 +90,20 @@ class SafetyNode(VehicleNode):
         response.clock_s = time.monotonic()
         return response
 
-    def _attend(self) -> None:
-        """Notes that the node takes commands. It took none for a while if it was stopped, or busy."""
+    def _note_listening(self) -> None:
+        """Notes that the node takes commands, and the pause in which it took none because it was stopped or busy."""
         now_s = time.monotonic()
-        if now_s - self._attentive_s > VALID_S:
-            self._arrears = self._attentive_s, now_s
-        self._attentive_s = now_s
+        if now_s - self._listened_s > VALID_S:
+            self._pause = self._listened_s, now_s
+        self._listened_s = now_s
 
     def _earliest_s(self) -> float | None:
-        """When a command that states no time may have been given; None: just now, as always in lockstep."""
+        """Earliest time at which a command without a time may have been given; None: now, as always in lockstep."""
         if self.lockstep:
             return None
-        self._attend()
-        in_arrears = self._arrears is not None and self._attentive_s - self._arrears[1] < _ARREARS_S
-        return self._arrears[0] if self._arrears is not None and in_arrears else None
+        self._note_listening()
+        in_backlog = self._pause is not None and self._listened_s - self._pause[1] < _BACKLOG_S
+        return self._pause[0] if self._pause is not None and in_backlog else None
 
     def _command(self, order: MissionOrder, given_s: float = 0.0, valid_s: float = 0.0) -> str:
         try:
@@ -115,11 +115,11 @@ class SafetyNode(VehicleNode):
             return f"GO: planner_node plans no legs ({loss}). End the dive with Ctrl-C at the surface, and start again"
         given = Given(given_s or self._earliest_s(), time.monotonic(), valid_s or VALID_S)
         refused = self._safety.command(command, source, order.team, given)
-        self._keep()  # an accepted command outlives this process
+        self._save_state()  # an accepted command outlives this process
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused
 
-    def _keep(self) -> None:
+    def _save_state(self) -> None:
         self._under_water = self._safety.watch.under_water
         self.state.write(self._safety.snapshot(), _DISK_WAIT_S)
 
@@ -131,14 +131,14 @@ class SafetyNode(VehicleNode):
             self._safety.run.note_trip(time.monotonic())
         status, warnings = self._safety.run.status, self._safety.warnings
         if self._safety.watch.under_water is not self._under_water:
-            self._keep()
+            self._save_state()
         if (status, *warnings) != self._reported:  # compares keys: the numbers in warnings change constantly
             self._reported = (status, *warnings)
             self._published += 1
-            self._keep()  # before anyone learns of it
+            self._save_state()  # saved before it is published
             texts = tuple(f"{name}: {reason}" for name, reason in warnings.items())
             if self._report is None or status != self._report.status:
-                self._tell(f"{status.state.name}: {status.reason or 'travelling'}")
+                self._report_to_operator(f"{status.state.name}: {status.reason or 'travelling'}")
             self._report = RunReport(stamp_s=now_s, revision=self._published, status=status, warnings=texts)
             self._publish_state(now_s)
             self.get_logger().info(f"mission {status.state.name}: {status.reason or 'travelling'}")
@@ -146,8 +146,8 @@ class SafetyNode(VehicleNode):
             self._publish_state(now_s)
         self._diagnose(now_s)
 
-    def _tell(self, text: str) -> None:
-        """Reports to the operator of the vehicle's terminal; the display of a mission in lockstep has its own lines."""
+    def _report_to_operator(self, text: str) -> None:
+        """Reports on the vehicle's terminal, but not in lockstep, where the mission's display has its own lines."""
         if not self.lockstep:
             self.report_on_terminal(f"auv{self.vehicle}: {text}")
 
@@ -161,10 +161,10 @@ class SafetyNode(VehicleNode):
         for problem in new:
             self.get_logger().warning(problem)
             if not (reason := self._safety.run.status.reason) or reason not in problem:
-                self._tell(f"warning: {problem}")
+                self._report_to_operator(f"warning: {problem}")
         if new or self._health_reports.is_due(now_s):
             self._health_reports.done(now_s)
-            self._keep()  # updates the running time
+            self._save_state()  # updates the running time
             self.publish_health(now_s, self._safety.health())
 
 

@@ -1,4 +1,4 @@
-"""Whether a single vehicle follows the isobath: among shores, on ground that it cannot cover.
+"""Decides whether a single vehicle follows the isobath: it does among shores, on ground that it cannot cover.
 
 Parallel lanes over the whole area, made of all legs, lie
 
@@ -7,7 +7,7 @@ Parallel lanes over the whole area, made of all legs, lie
 If d is larger than `MAX_LANES_APART` length scales, most ground between them stays unknown. A path that lowers the
 map's risk everywhere then runs along the middle of a lake, whose isobath lies along its shores, and locates hardly any
 of it (docs/evidence/planner.md). Land shows in the area's shape: the area fills less than its convex hull. Where the
-mission knows its shore, risk alone leaves less risk and loss, so the vehicle does not follow.
+mission file has the shore, planning by risk alone ends with less risk and loss, so the vehicle does not follow.
 
 The mission file alone decides, so the planner and the report agree.
 """

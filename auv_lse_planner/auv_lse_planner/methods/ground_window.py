@@ -1,4 +1,4 @@
-"""The part of the map that is planned with.
+"""The part of the map that the planner uses.
 
 In a large area, the map is *limited* to the cells that the remaining legs can reach. A short mission plans with all of
 them. In a long one, the cost of a decision would grow with their number and with the number of soundings. The window is
@@ -27,12 +27,12 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Least spacing (m) of the cells over which the gradient of a reward is summed, but for narrow areas.
+#: Least spacing (m) of the cells over which the gradient of a reward is summed, except in narrow areas.
 COARSE_M = 30.0
-#: A map of at most so many cells is not limited: it would save nothing.
+#: Largest number of cells of a map that is not limited: limiting it would save nothing.
 MANY_CELLS = 5000
-#: Cells are within reach up to this far from the legs, in length scales of the kernel; after a drift, at least the
-#: second figure.
+#: A map is limited to cells within the first distance from the legs, and limited again when the vehicle's drift leaves
+#: less than the second; in length scales of the kernel.
 REACH_SCALES, LEAST_REACH_SCALES = 3.0, 2.0
 #: Cells of the window lie at most this far from its path, in length scales of the kernel.
 CELLS_SCALES = 1.5
@@ -45,8 +45,8 @@ STALE_SCALES = 2.0
 TILE_M = 300.0
 #: Locations to be measured count if they are at most this far from a cell of the window, in length scales.
 LOCATIONS_SCALES = 2.5
-#: How far from all cells centers count, and from where on they are averaged, in length scales. Closely sounded ground
-#: screens what lies beyond: the second pair applies if the first one leaves more than `MOST_EXACT` centers.
+#: Distances from the cells up to which centers count, and beyond which they are averaged, in length scales. Closely
+#: sounded ground screens farther centers: the second pair applies if the first leaves more than `MOST_EXACT` of them.
 MARGINS, MOST_EXACT = ((2.5, 1.25), (1.5, 0.6)), 400
 #: Side of the square cells in which centers are averaged, in the kernel's lengths.
 AVERAGED_SIDE = 0.4
@@ -62,7 +62,7 @@ class GroundWindow:
         elsewhere_risk: Risk of the map's other cells when the window was focused.
         refused: Why the posterior does not hold the last centers; "" if it does.
         most_centers: Largest number of centers before the first focus, if not None; more are averaged. So a planner
-            that is started again late in a long mission does not condition on all of them.
+            that restarts late in a long mission does not condition on all of them.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class GroundWindow:
         self._reach: tuple[Array, float] | None = None  # middle (2,) and radius (m) of the cells within reach
         self._centers = NO_CENTERS
         self._is_current = True  # whether the posterior holds `_centers`
-        self._take_grids(map_grid, coarse_grid)
+        self._set_grids(map_grid, coarse_grid)
 
     @classmethod
     def of(cls, settings: PlannerSettings, area: OperatingArea, posterior: Posterior, spacing_m: float) -> GroundWindow:
@@ -92,11 +92,11 @@ class GroundWindow:
         )
         return cls(posterior, settings.gp, settings.level_set, *grids)
 
-    def _take_grids(self, grid: Grid, coarse_grid: Grid) -> None:
+    def _set_grids(self, grid: Grid, coarse_grid: Grid) -> None:
         self.grid, self._coarse_grid = grid, coarse_grid
         self.is_focused, self.elsewhere_risk = False, 0.0
         self._covered = grid.inside.copy()  # cells near the path, settled or not
-        self._far_m = np.zeros(grid.inside.shape)  # of each cell from the window's cells
+        self._distance_m = np.zeros(grid.inside.shape)  # of each cell from the window's cells
         self._fine: CachedPoints | None = None
         self._coarse: CachedPoints | None = None
         self._cells: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # numbers of the window's cells
@@ -128,8 +128,8 @@ class GroundWindow:
     def limit(self, middle_m: Array, legs_m: float) -> bool:
         """Limits a large map to the cells within reach of legs of a total length from a location (2,).
 
-        Cells that they cannot measure have no part in the choice between paths. Later legs of the same mission reach no
-        others, unless the vehicle drifted: then the map is limited anew.
+        Cells that these legs cannot measure do not affect the choice between paths. Later legs of the same mission
+        reach no other cells unless the vehicle drifts; the map is then limited anew.
 
         Returns:
             Whether the map's cells changed.
@@ -144,7 +144,7 @@ class GroundWindow:
         grid, coarse_grid = (each.within(*self._reach) for each in self._whole)
         if grid.inside.shape == self.grid.inside.shape and np.array_equal(grid.locations_m, self.grid.locations_m):
             return False
-        self._take_grids(grid, coarse_grid)
+        self._set_grids(grid, coarse_grid)
         self._is_current = False
         return True
 
@@ -157,12 +157,12 @@ class GroundWindow:
     def update(self) -> None:
         """Conditions the posterior on the centers that were set last."""
         if not self._is_current:
-            self._follow()
+            self._condition()
 
     def near(self, locations_m: Array) -> Mask:
         """Mask (P,) of the locations (P, 2) that are near enough to change the window's cells."""
         if self.is_focused:
-            return self._far_at(locations_m) <= LOCATIONS_SCALES * self._scale_m
+            return self._distance_at_m(locations_m) <= LOCATIONS_SCALES * self._scale_m
         if self._reach is None:
             return np.ones(len(locations_m), dtype=bool)
         off_m = np.hypot(*(locations_m - self._reach[0]).T)
@@ -178,7 +178,7 @@ class GroundWindow:
         if not self.is_focused:
             return self.posterior.mean_m(locations_m)
         field = self.grid.fill(self._mean_m)
-        mean_m, settled = field[self._index(locations_m)], self._far_at(locations_m) > 0.0
+        mean_m, settled = field[self._index(locations_m)], self._distance_at_m(locations_m) > 0.0
         mean_m[~settled] = self.posterior.mean_m(locations_m[~settled])
         return mean_m
 
@@ -207,13 +207,13 @@ class GroundWindow:
         settled = surveyed & (grid.fill(self._risk) <= SETTLED_SHARE * self._levels.largest_risk)
         on = self._covered & ~settled
         on = on if on.any() else self._covered
-        self._far_m = np.asarray(distance_transform_edt(~on)) * grid.resolution_m
+        self._distance_m = np.asarray(distance_transform_edt(~on)) * grid.resolution_m
         self.is_focused = True
-        self._follow()
+        self._condition()
         self._cells = np.flatnonzero(on[grid.inside])
         self._fine = CachedPoints(self.posterior, grid.locations_m[self._cells])
         coarse_m = self._coarse_grid.locations_m
-        inside = self._far_at(coarse_m) <= 0.0
+        inside = self._distance_at_m(coarse_m) <= 0.0
         self._coarse = CachedPoints(self.posterior, coarse_m[inside] if inside.any() else self._fine.locations_m)
         self.elsewhere_risk = float(self._risk.sum() - self._risk[self._cells].sum())
 
@@ -222,10 +222,10 @@ class GroundWindow:
         if self.is_focused:
             self.is_focused, self.elsewhere_risk, self.most_centers = False, 0.0, None
             self._fine = self._coarse = None
-            self._covered, self._far_m = self.grid.inside.copy(), np.zeros(self.grid.inside.shape)
-            self._follow()
+            self._covered, self._distance_m = self.grid.inside.copy(), np.zeros(self.grid.inside.shape)
+            self._condition()
 
-    def _follow(self) -> None:
+    def _condition(self) -> None:
         c, self._is_current = self._centers, True
         if self.is_focused and len(c):
             c = self._thinned(c)
@@ -245,8 +245,8 @@ class GroundWindow:
         return found
 
     def _thinned(self, centers: Centers) -> Centers:
-        """The centers near the window's cells, those not close to them averaged."""
-        far_m, found = self._far_at(centers.locations_m), centers
+        """The centers near the window's cells; those not close to them are averaged."""
+        far_m, found = self._distance_at_m(centers.locations_m), centers
         for counts, averaged in MARGINS:
             kept = np.flatnonzero(far_m <= counts * self._scale_m)
             found = centers.take(kept)
@@ -301,5 +301,5 @@ class GroundWindow:
         column = np.rint((locations_m[:, 1] - grid.east_m[0]) / grid.resolution_m).astype(np.int64)
         return np.clip(row, 0, len(grid.north_m) - 1), np.clip(column, 0, len(grid.east_m) - 1)
 
-    def _far_at(self, locations_m: Array) -> Array:
-        return self._far_m[self._index(np.asarray(locations_m, dtype=float).reshape(-1, 2))]
+    def _distance_at_m(self, locations_m: Array) -> Array:
+        return self._distance_m[self._index(np.asarray(locations_m, dtype=float).reshape(-1, 2))]

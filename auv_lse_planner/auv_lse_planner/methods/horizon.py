@@ -1,12 +1,12 @@
-"""How many legs the tours of a team are planned for, where `mission.until` asks for a share found.
+"""The number of legs for which a team's tours are planned if `mission.until` asks for a share found.
 
 A tour spreads its lines over all legs that it plans for. Planned for the whole budget, it finds most of the isobath
 late. So it plans for the *horizon*, the step at which the share asked for is expected to be found:
 
 - At the start, the legs with which parallel lanes over the whole area are expected to find it (`lanes_share`).
-- In the last `LATE_SHARE` of the horizon, a map that lacks the quality moves it on. The share found is expected to grow
-  in proportion to the legs. Extended earlier, a tour visits the best ground later.
-- The horizon never lies behind the mission's last step.
+- In the last `LATE_SHARE` of the horizon, it is extended if the map lacks the quality. The share found is expected to
+  grow in proportion to the legs. If extended earlier, a tour would visit the best ground later.
+  - The horizon never lies beyond the mission's last step.
 
 A vehicle judges its own map, so horizons differ within a team. Every plan states its legs, so no receiver needs them.
 """
@@ -22,7 +22,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.map.quality import lanes_share
 from auv_lse_planner.paths.motion import MotionTable
 
-#: Last share of the horizon, in which it can move on, and least number of legs that it moves.
+#: Last share of the horizon, in which it can be extended, and the least extension (legs).
 LATE_SHARE, LEAST_LEGS = 0.2, 5
 
 
@@ -37,7 +37,7 @@ class Horizon:
         """Starts without a judgement.
 
         Args:
-            asked: Share found that is asked for; None: the vehicle plans for the whole mission.
+            asked: Share found of `mission.until`; None: the vehicle plans for the whole mission.
         """
         self._steps, self._asked = settings.mission.steps, asked
         self.end = self._steps if asked is None else _legs_of_lanes(settings, area, asked)

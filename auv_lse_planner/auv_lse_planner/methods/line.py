@@ -1,16 +1,16 @@
-"""The method `line`: as much of the isobath located as the mission's legs allow.
+"""The method `line`: locates as much of the isobath as the mission's legs allow.
 
-It searches and keeps account as `tour` does, with the isobath's expected unlocated length (`reward/line.py`) in place
-of the map's risk: required of every choice is E(chosen) >= E(incumbent) - budget, where E is the length expected to be
-located by the mission's end, and the first incumbent is the best naive path. So the mission is never expected to locate
-less than the fitted lanes.
+It searches and budgets as `tour` does, with the isobath's expected unlocated length (`reward/line.py`) in place of the
+map's risk. Every choice must satisfy E(chosen) >= E(incumbent) - budget, where E is the length expected to be located
+by the mission's end. The first incumbent is the best naive path, so the mission is never expected to locate less than
+the fitted lanes.
 
 E assumes that the rest of a plan is travelled as it is, although a vehicle that finds the line will follow it. So among
 the plans that the budget allows, the one whose next legs have the largest score wins (`_next_legs`): the benefit of
 search (`reward/path.py`) as a share of the largest possible, plus `LOCATED` times the length of the estimated isobath
 that they locate per length travelled. The benefit leads to where the line may be. On flat ground near the level it is
-at its largest everywhere, and the second term leads along the line. Nothing else tells a vehicle to follow or to
-explore.
+at its largest everywhere, and the second term leads along the line. No other rule decides between following and
+exploring.
 
 New plans, beside those of `tour`: routes along the expected contours and along those of draws (`line_routes.py`), as
 whole plans and as the next legs of the last plan. They are tried at every leg, and every `planner.tour_interval` legs
@@ -34,7 +34,7 @@ from auv_lse_planner.reward.line import LineLoss
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.uct import Actions
 
-#: Additional weight of what the next legs locate, and the legs over which it decays by e.
+#: Additional weight of the length that the next legs locate, and the legs over which it decays by e.
 NEAR_WEIGHT, NEAR_LEGS = 10.0, 5.0
 #: Weight of the estimated isobath that the next legs locate, per length, against their share of the largest benefit.
 LOCATED = 0.35
@@ -52,7 +52,7 @@ class Line(Tour):
         self._located: tuple[Situation, AnytimeReward, float] | None = None  # of the last decision's map
         self._follows = self._heads_at_every_leg = True
         self._routes = LineRoutes(context)
-        self._stages = None  # their account is in units of risk; `check_planner` limits the legs
+        self._stages = None  # stages count in units of risk; `check_planner` limits the legs
 
     def map_reward(self, situation: Situation) -> AnytimeReward:
         """See `Method`."""

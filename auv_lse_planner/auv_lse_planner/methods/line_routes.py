@@ -1,12 +1,12 @@
-"""Routes along the isobath that is not located yet, as the map expects it and as draws from the map show it.
+"""Routes along the unlocated isobath: along its expected course, and along its course in draws from the map.
 
 Each route follows the level's contours of one field: the posterior mean, or a draw from the posterior. Where the map
-knows the line, all fields agree, so every route begins by following it. Farther away draws differ, and each shows one
-location where the line may be. The planner's objective decides between them; nothing here does.
+is certain of the line, all fields agree, so every route begins by following it. Farther away draws differ, and each
+shows one location where the line may be. The planner's objective decides between them, not this module.
 
 A stretch of a contour is wanted if the standard deviation s left there is more than 10 m times the field's own slope,
-which is the definition of `reward/line.py`, and no mate plans to pass it. From where it is, a route goes to the stretch
-with the largest length per distance to travel, follows it to its end, and so on until the legs are used up.
+which is the definition of `reward/line.py`, and no mate plans to pass it. A route repeatedly goes to the stretch with
+the largest length per distance to travel and follows it to its end, until the legs are used up.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ DRAWS, MAX_DRAWN = 8, 600
 SPACING_M, SHORTEST_M = 10.0, 20.0
 #: A mate that plans to pass a location within this distance (m) locates it.
 MATE_M = 15.0
-#: Length (m) that every further stretch costs beside the way to it: turns, and the doubt whether it is there.
+#: Length (m) charged for every further stretch, beside the way to it: for turns, and because it may not exist.
 DETOUR_M = 15.0
-#: Farthest (m) that a stretch may lie outside of the ground where vehicles can travel.
+#: Largest distance (m) of a stretch from ground where vehicles can travel.
 OUTSIDE_M = 8.0
 
 

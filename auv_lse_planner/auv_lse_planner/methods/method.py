@@ -41,18 +41,18 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: Largest number of mates' planned locations near the ground of a stage: more than three vehicles have.
+#: Largest number of mates' planned locations near the ground of a stage; three vehicles never have as many.
 MAX_MATE_LOCATIONS = 800
 
 
 @dataclass(frozen=True, slots=True)
 class RemainingTour:
-    """What follows the legs of a long mission that are planned in detail.
+    """The rest of a long mission, after the legs that are planned in detail.
 
     Attributes:
         begin: Mission step at which it begins.
         locations_m: Locations after each of its legs, (P, 2).
-        drop: Expected drop of the map's risk that belongs to it.
+        drop: Its part of the expected drop of the map's risk.
     """
 
     begin: int
@@ -62,12 +62,12 @@ class RemainingTour:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanningContext:
-    """What all methods of one vehicle share.
+    """The objects that all methods of one vehicle share.
 
     Attributes:
         vehicle: Number of the vehicle, from 1.
         horizon: The step that paths are planned to.
-        window: The part of the map that is planned with.
+        window: The part of the map that the planner uses.
     """
 
     vehicle: int
@@ -117,8 +117,8 @@ class PlanningContext:
         """Reward of paths: the expected drop of the map's risk, given the team mates' plans in time order.
 
         Args:
-            rest: What follows the legs that are planned in detail; None: nothing.
-            loss: What is counted in place of the risk.
+            rest: The tour after the legs that are planned in detail; None: none.
+            loss: The loss that replaces the risk.
             near: `Weighting.near`; it replaces `planner.anytime_weight`.
         """
         planner, steps = situation.planner, self.horizon.end
@@ -192,7 +192,7 @@ class Situation:
         state: Heading (rad), north, east (m), shape (3,).
         last: The last plan and its path from this step on; None before the first.
         off_plan: Whether `state` comes from odometry, so that the last plan cannot be continued from it.
-        margin: Margin from the border for the present uncertainty of the location.
+        margin: Margin from the border for the present uncertainty of the position.
         deadline: Returns whether to stop searching; None: no deadline.
         evaluates: Whether to evaluate plans; if not, the last plan continues if the ground allows.
     """

@@ -11,7 +11,7 @@ and not to lose more than the share of the legs left:
 
     d = min(sum of max(r - e, 0) over the risk r of these cells, E_0 (legs left) / (all legs))
 
-E_0 is what the best naive path is expected to bring, and e is chosen so that E = E_0 at the start. A new stage computes
+E_0 is the drop expected of the best naive path, and e is chosen so that E = E_0 at the start. A new stage computes
 d again. It is never negative, so the reward expected at the end is never below the reward so far.
 
 Plans are evaluated at a bend and when a stage begins. In between the last plan is followed, and its value is carried
@@ -45,7 +45,7 @@ MAX_WHOLE_LEGS, MAX_WHOLE_TEAM_LEGS = 200, 800
 STAGE_LEGS, RENEW_LEGS = 100, 40
 #: Number of `planner.tour_interval`s between bends of the stage.
 INTERVALS = 2
-#: Largest number of centers with which a planner that was started again makes its first stage.
+#: Largest number of centers with which a restarted planner makes its first stage.
 MAX_UNFOCUSED = 1000
 #: Largest number of segments of the tour that stands for the rest in a packet, and their smallest length in legs.
 REST_SEGMENTS, REST_SEGMENT_LEGS = 30, 4
@@ -160,7 +160,7 @@ class Stages:
         return Followed(plan, followed)
 
     def _line(self, begin: int, end: int) -> Array:
-        """Locations of the line at the steps `begin` to `end` - 1, as far as it goes."""
+        """Locations of the line at the steps `begin` to `end` - 1, or to its end."""
         return self._line_m[max(begin - self._line_step, 0) : max(end - self._line_step, 0)]
 
     # ------------------------------------------------------------------ the start

@@ -15,8 +15,8 @@ telescopes, so the mission's expected end is never below that of the best naive 
 current makes void stays the reference, so its loss is charged to the budget. If no plan is left that the budget allows,
 the one with the largest expected end is chosen, and the bound falls by the rest; the bound record gives the reason.
 
-A vehicle whose location is uncertain keeps farther from the border (`position_margin.py`): plans that come too near do
-not count where others keep clear. What an incumbent loses by that is charged to the budget, and beyond it to the bound.
+A vehicle whose position is uncertain keeps farther from the border (`position_margin.py`): plans that come too near
+are ignored if others keep clear. The incumbent's loss by this is charged to the budget, and beyond it to the bound.
 
 A vehicle alone among shores, on ground that it cannot cover (`coverage.py`), follows the isobath: it tries heads at
 every leg, and the plan with the largest path reward of its next legs wins among those that the budget allows. The
@@ -83,7 +83,7 @@ class Tour(Method):
         if last is not None and self._value is not None and not void and not s.evaluates:
             return self._continued(last, self._value)
         context.assume_plans(s)
-        renewed = self._takes_horizon() and last is not None
+        renewed = self._update_horizon() and last is not None
         if last is not None and not context.horizon.is_whole:
             last = Followed(last.plan, last.path.to_step(context.horizon.end))
         if self._stages is not None:
@@ -214,9 +214,9 @@ class Tour(Method):
     def _chosen(
         self, s: Situation, candidates: list[Candidate], floor: float, path_reward: Callable[[], PathReward]
     ) -> Candidate:
-        """The best candidate that the budget and the location's margin allow.
+        """The best candidate that the budget and the position's margin allow.
 
-        If there is none, the one with the largest expected end, less a penalty for what it lacks of the margin.
+        If there is none, the one with the largest expected end, less a penalty for its shortfall of the margin.
         """
         shortfall_m2 = np.array([self._margin_shortfall_m2(s, c.path) for c in candidates])
         end = np.array([c.value.expected_end for c in candidates])
@@ -229,8 +229,8 @@ class Tour(Method):
         every = planner.tour_interval * (1 if self._stages is None else INTERVALS)
         return bool(every and step - self._optimized_at >= every)
 
-    def _takes_horizon(self) -> bool:
-        """Whether the horizon has changed since the last decision."""
+    def _update_horizon(self) -> bool:
+        """Records the horizon; returns whether it has changed since the last decision."""
         end = self.context.horizon.end
         changed, self._planned_to = end != self._planned_to, end
         return changed

@@ -3,8 +3,8 @@
 At the mission's start, waypoints are optimized for the expected end, to which the budget refers, from several
 boustrophedons. The naive paths are candidates too. A single vehicle also optimizes and bends many routes over the whole
 ground (`single_routes.py`). The best path is then bent: displaced to increase its value. A vehicle of a large team on a
-short mission bends its lanes instead: each would choose the best tour beside mates that mow, several the same one, and
-they would hear of it too late.
+short mission bends its lanes instead. Otherwise each would choose the best tour beside mates assumed to mow, several
+would choose the same one, and they would learn of it too late.
 
 Later, the last path is bent again (`search/tour.py`). The result consists of explicit actions, because a tour's equal
 segments cannot represent narrow turns. The bend favors early reward as far as the budget allows. In addition, a tree
@@ -52,8 +52,8 @@ FIRST_ITERATIONS = 100
 FAR_BEHIND = 0.003
 #: Iterations of optimizing each route of a single vehicle.
 ROUTE_ITERATIONS = 10
-#: Rounds of bending the starts for the mission's end, which keep one of this many starts each; iterations of each bend;
-#: and bends of the best one with as many locations per leg as its value.
+#: Starts are bent for the mission's end in this many rounds, each of which keeps one in so many starts; iterations of
+#: each bend. Then the best is bent again, with as many locations per leg as its value uses.
 START_BENDS, KEPT_ONE_OF, START_BEND_ITERATIONS = 3, 3, 40
 FINER_BENDS = 2
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The
@@ -73,7 +73,7 @@ SPARSE_LOCATIONS = 4
 
 @dataclass(frozen=True, slots=True)
 class TourProblem:
-    """The problem that candidates are made for.
+    """The problem for which candidates are made.
 
     Attributes:
         floor: Lowest allowed expected end.
@@ -185,7 +185,7 @@ class TourCandidates:
         return result
 
     def _along_lanes(self, problem: TourProblem) -> Candidates:
-        """This vehicle's fitted lanes, which its mates expect of it, and the lanes bent."""
+        """This vehicle's fitted lanes, which its mates assume, and these lanes bent."""
         lanes = self._fitted(problem)
         result = Candidates([lanes], self._floor(problem, [lanes]), 0, problem.situation.out_of_time)
         self._bend_first(problem, result)
@@ -211,7 +211,7 @@ class TourCandidates:
     def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
         """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times.
 
-        Each round bends the best third of those before it, the first one the best third of the optimized starts.
+        Each round bends the best third of the previous round's paths; the first, that of the optimized starts.
         """
         s, legs, aim = problem.situation, problem.reward.legs, problem.reward.weighing(0.0)
         lines_m = single_routes_m(self._context, s.state[1:], legs, s.deadline)

@@ -35,7 +35,7 @@ ROUNDING_M = 1e-6
 
 @compiled
 def rows_of(locations):
-    """Each distinct location across of locations (M, 2), ascending, and the extent along of those there, (R, 3)."""
+    """Rows (R, 3) of locations (M, 2): each distinct second coordinate, ascending, and the range of the first there."""
     rows, count = np.empty((locations.shape[0], 3)), 0
     for p in np.argsort(locations[:, 1]):
         u, v = locations[p, 0], locations[p, 1]

@@ -1,6 +1,6 @@
 """Margin from the border that follows the uncertainty of a vehicle's position.
 
-`area.margin_m` covers turns and a location with a standard deviation of up to that distance. Where the deviation
+`area.margin_m` covers turns and a position with a standard deviation of up to that distance. Where the deviation
 towards the border is larger, a vehicle keeps `DEVIATIONS` of them from the border. Only the next legs of a plan are
 compared with this margin. Feasible actions and the paths of team mates depend on `area.margin_m` alone, so a growing
 margin makes no plan void.
@@ -17,11 +17,11 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, bilinear
 
-#: Standard deviations of the location that a vehicle keeps from the border: errors exceed them once in 160 times.
+#: Standard deviations of the position that a vehicle keeps from the border: errors exceed them once in 160 times.
 DEVIATIONS = 2.5
-#: Number of next legs that keep them. Later legs are planned again, when the location may be known better.
+#: Number of next legs that keep this margin. Later legs are planned again, when the position may be known better.
 LEGS = 16
-#: A plan whose shortfalls have a smaller sum of squares (m^2) is near enough to keeping the margin.
+#: Shortfalls with a smaller sum of squares (m^2) are tolerated.
 TOLERATED_M2 = 10.0
 #: Covariance (m^2) of an exact position.
 EXACT = np.zeros((2, 2))
@@ -31,9 +31,9 @@ EXACT = np.zeros((2, 2))
 def room_shortfall(space, room, locations, margin, covariance):
     """Sum of the squared missing clearances (m^2) at locations (P, 2), bilinear on the raster, and its gradient (P, 2).
 
-    The clearance needed is `room`. Where the location's standard deviation towards the border exceeds `margin` (m),
-    which the raster contains, it is larger by what `DEVIATIONS` of them exceed `margin` by. Changes of the border's
-    direction do not count in the gradient.
+    The clearance needed is `room`. Where the position's standard deviation s towards the border exceeds `margin` (m),
+    which the raster contains, it is larger by `DEVIATIONS` s - `margin`. The gradient ignores changes of the border's
+    direction.
 
     Args:
         covariance: Covariance of the vehicle's position (m^2), (2, 2); `EXACT` for the room alone.
@@ -66,7 +66,7 @@ class PositionMargin:
     """The margin of one decision.
 
     Attributes:
-        covariance_m2: Covariance of the location: north, east, shape (2, 2); zeros if it is exact or unknown.
+        covariance_m2: Covariance of the position: north, east, shape (2, 2); zeros if it is exact or unknown.
     """
 
     covariance_m2: Array = field(default_factory=EXACT.copy)

@@ -53,7 +53,7 @@ class PlannedPath:
         )
 
     def to_step(self, step: int) -> PlannedPath:
-        """The same path, ended at mission step `step` if it goes on."""
+        """The same path, cut off at mission step `step` if it is longer."""
         legs = max(step - self.step, 0)
         if legs >= len(self):
             return self

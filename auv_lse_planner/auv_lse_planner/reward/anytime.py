@@ -16,7 +16,7 @@ checkpoints. `expected_end` does not depend on them.
 
 `value_and_gradient` returns a coarser value than `value`, and the exact gradient of that coarser value. It uses a wider
 grid, fewer checkpoints and a subset of the mates' positions, and it skips cells of negligible risk. In a large area,
-both leave out what a path changes far from it (`reward/near_cells.py`).
+both ignore a path's effect on cells far from it (`reward/near_cells.py`).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Weighting:
 
 @dataclass(frozen=True, slots=True)
 class ConstantValue:
-    """What the paths of a decision do not change: the ground elsewhere, and the rest of a long mission.
+    """The part of the value that is the same for all paths of a decision: other ground, the rest of a long mission.
 
     Attributes:
         risk: Part of the risk before the first leg.
@@ -168,7 +168,7 @@ class AnytimeReward:
 
         Args:
             fine: The map's locations, kept up to date with the posterior.
-            loss: What is counted; level and costs stand for the Bayes risk.
+            loss: The loss that is summed; level and costs select the Bayes risk.
             mates: For each mate, the times (P,) of its measurements, in legs of this vehicle (may be fractional), and
                 their locations (P, 2).
             coarse: Locations at which the gradient is computed; None: those of `fine`.
@@ -204,7 +204,7 @@ class AnytimeReward:
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         locations = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
         scale = len(self._fine.locations_m) / len(points.locations_m)
-        counted = _Counted.of(points, self._loss, self._inflation, least_share, scale)
+        counted = _RelevantCells.of(points, self._loss, self._inflation, least_share, scale)
         measured = Measured(points.posterior, points.posterior.kernel.scale(locations), cache_inverse)
         groups = schedule.after(legs)
         return _ExpectedRiskDrop(points.posterior, counted, schedule, measured, groups, cache_inverse)
@@ -266,7 +266,7 @@ class AnytimeReward:
 
 
 @dataclass(frozen=True, slots=True)
-class _Counted:
+class _RelevantCells:
     """The cells of a map whose loss is not negligible.
 
     Attributes:
@@ -285,7 +285,7 @@ class _Counted:
     total: float
 
     @classmethod
-    def of(cls, points: CachedPoints, loss: Loss, inflation: float, least_share: float, scale: float) -> _Counted:
+    def of(cls, points: CachedPoints, loss: Loss, inflation: float, least_share: float, scale: float) -> _RelevantCells:
         """Selects the cells with more than `least_share` of the largest possible loss."""
         known = losses = loss.of(points, scale)
         if inflation != 1.0:
@@ -303,7 +303,7 @@ class _Counted:
         total = scale * float(known.before.sum())
         return cls(cells, points.locations_m[kept], losses.take(kept), uninflated, scale, total)
 
-    def take(self, kept: Ints) -> _Counted:
+    def take(self, kept: Ints) -> _RelevantCells:
         """Some of the cells."""
         uninflated = None if self.uninflated is None else self.uninflated.take(kept)
         cells, losses = self.cells.take(kept), self.losses.take(kept)
@@ -320,15 +320,15 @@ class _NearPath:
         elsewhere_at_end: The same at the last of them, without inflation.
     """
 
-    counted: _Counted
+    counted: _RelevantCells
     kept: Ints | None
     elsewhere: Array
     elsewhere_at_end: float
 
 
 @dataclass(frozen=True, slots=True)
-class _ByMates:
-    """What the mates' positions alone leave: the variance of each cell after each checkpoint, and sums of its losses.
+class _GivenMates:
+    """Variance of each cell after each checkpoint given the mates' positions alone, and sums of the cells' losses.
 
     Attributes:
         left_m2: Variance left (J, M); (1, M) without mates.
@@ -347,7 +347,7 @@ class _ExpectedRiskDrop:
     def __init__(
         self,
         posterior: Posterior,
-        counted: _Counted,
+        counted: _RelevantCells,
         schedule: _Schedule,
         mates: Measured,
         mate_groups: Ints,
@@ -422,7 +422,7 @@ class _ExpectedRiskDrop:
         every = self._counted
         if len(every.locations_m) <= FEW_CELLS:
             return _NearPath(every, None, np.zeros(()), 0.0)
-        kept, mates = self._cells_near.of(self._posterior.kernel.scale(locations_m)), self._by_mates
+        kept, mates = self._cells_near.of(self._posterior.kernel.scale(locations_m)), self._given_mates
         near, rows = every.take(kept), checkpoints if len(self._mates) else slice(None)
         left_m2 = np.ascontiguousarray(mates.left_m2[rows][:, kept])
         at_end = 0.0
@@ -435,13 +435,13 @@ class _ExpectedRiskDrop:
         return NearCells(self._posterior.kernel, self._cells.scaled)
 
     @cached_property
-    def _by_mates(self) -> _ByMates:
+    def _given_mates(self) -> _GivenMates:
         left_m2, known = self._cells.planned_var_m2[None], self._counted.uninflated
         if len(self._mates):
             every = _NearPath(self._counted, None, np.zeros(()), 0.0)
             left_m2 = self._joint(np.empty((0, 2)), np.empty(0), every).left(np.arange(len(self.schedule.checkpoints)))
         sum_at_end = 0.0 if known is None else float(known.sums(left_m2[-1:])[0])
-        return _ByMates(left_m2, self._counted.losses.sums(left_m2), sum_at_end)
+        return _GivenMates(left_m2, self._counted.losses.sums(left_m2), sum_at_end)
 
     def _joint(self, locations_m: Array, legs: Array, near: _NearPath) -> JointCovariance:
         key = legs.tobytes()

@@ -20,7 +20,7 @@ mark derivatives of J (reverse mode):
     Xbar = -L^-T (w Cbar^T + 2 W Kbar)
     dJ / dV_i = sum_p Cbar_ip k'(V_i, p) + 2 sum_j Kbar_ij k'(V_i, V_j) + sum_x Xbar_xi k'(V_i, x)
 
-If only the last checkpoint counts, the order of the locations does not matter, and less is solved:
+If only the last checkpoint counts, the order of the locations does not matter, and fewer systems are solved:
 
     Z = Lv^-T Y,   Cbar = 2 Z diag(wbar g),   Kbar = -Z diag(wbar g) Z^T
 """
@@ -155,12 +155,12 @@ class Timetable:
         return cross
 
     def spare(self, count: int) -> Singles:
-        """Scratch memory of the size of the covariance with so many cells."""
+        """Scratch memory of the size of the covariance with `count` cells."""
         return _begin_of(self._spare, len(self.groups), count)
 
 
 def _begin_of(memory: NDArray[Real], rows: int, count: int) -> NDArray[Real]:
-    """An array (rows, count) at the begin of one-dimensional memory."""
+    """An array (rows, count) at the beginning of one-dimensional memory."""
     return memory[: rows * count].reshape(rows, count)
 
 

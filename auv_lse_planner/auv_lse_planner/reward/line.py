@@ -101,7 +101,7 @@ class LineLosses:
 
 
 class LineLoss:
-    """Losses of a map's cells for the goal `line`; the slope's distribution leaves no room for an inflation."""
+    """Losses of a map's cells for the goal `line`; an inflation would not fit the slope's distribution."""
 
     inflates = False
 

@@ -1,4 +1,4 @@
-"""What a map's reward counts: the loss of each cell as a function of the depth's variance left there.
+"""The losses that a map's reward sums: the loss of each cell as a function of the depth's variance left there.
 
 `RiskLoss` is the paper's Bayes risk (the goal `chart`), `line.LineLoss` the isobath's unlocated length (the goal
 `line`). Both telescope, so budget and bound of `methods/tour.py` hold for both.
@@ -45,7 +45,7 @@ class Losses(Protocol):
 
 
 class Loss(Protocol):
-    """What is counted; `inflates` tells whether standard deviations may be inflated (`std_inflation.py`)."""
+    """A kind of loss; `inflates`: whether standard deviations may be inflated (`std_inflation.py`)."""
 
     inflates: bool
 

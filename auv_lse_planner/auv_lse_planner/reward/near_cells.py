@@ -9,7 +9,7 @@ import numpy as np
 from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.covariance.kernels import Kernel
 
-#: With at most so many cells, finding those near a path saves nothing.
+#: Number of cells up to which finding those near a path saves nothing.
 FEW_CELLS = 2000
 #: Range of a measurement, in the kernel's lengths: beyond it, it removes less than 1e-3 of the variance.
 RANGE = 3.0

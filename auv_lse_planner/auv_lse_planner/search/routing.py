@@ -74,7 +74,7 @@ def insert_best(node, route, size, length, budget, distance, state):
     best, best_at = 1 << 62, 0
     for at in range(1, size + 1):
         state = state * MULTIPLIER % MODULUS
-        if state % 100 == 0:  # a blink: sometimes another location is taken
+        if state % 100 == 0:  # a blink: an insertion is sometimes skipped
             continue
         before = route[at - 1]
         extra = distance[before, node]

@@ -91,7 +91,7 @@ class PathSequences:
             guessed = 0
             while guessed < len(prefixes) and (guessed == 0 or deadline is None or not deadline()):
                 part = order[guessed : guessed + every]
-                values[part] += self._naive_roughly(self._prefixes.states(numbers[part, -1]), horizon, risk)
+                values[part] += self._estimate_naive(self._prefixes.states(numbers[part, -1]), horizon, risk)
                 guessed += len(part)
             order = order[:guessed][np.argsort(-values[order[:guessed]], kind="stable")]
         chosen = dict.fromkeys(tuple(h) for h in prefixes[order[:overall]].tolist())
@@ -102,7 +102,7 @@ class PathSequences:
                 chosen[tuple(prefix)] = None
         return list(chosen)
 
-    def _naive_roughly(self, states: Array, legs: int, risk: Array) -> Array:
+    def _estimate_naive(self, states: Array, legs: int, risk: Array) -> Array:
         """Current risk along the best naive path from each of `states` (B, 3), after `legs` legs."""
         assert self._grid is not None
         left = self._steps_left - legs

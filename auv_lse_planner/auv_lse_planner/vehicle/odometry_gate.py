@@ -1,4 +1,4 @@
-"""Rejects odometry locations that the vehicle cannot have reached since the last accepted one.
+"""Rejects odometry positions that the vehicle cannot have reached since the last accepted one.
 
 A fix after a long dive moves the location permanently, so `CONSISTENT_LOCATIONS` consistent locations in a row pass.
 """

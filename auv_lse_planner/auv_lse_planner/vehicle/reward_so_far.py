@@ -21,7 +21,7 @@ class RewardSoFar:
         self.value = self._risk_at_start - risk
 
     def continue_with_other_cells(self) -> None:
-        """The next risk measured is that of other cells: the reward stays, and counts drops from there on."""
+        """Keeps the reward, and measures drops from the next risk on, which is that of other cells."""
         self._risk_at_start = math.nan
 
     def add(self, reward: float) -> None:

@@ -38,7 +38,7 @@ class ShallowGround:
         self._set(self._within(position_m, legs_m))
 
     def update_ahead(self, position_m: Array, legs_m: float) -> None:
-        """As `update_around`, with the last centers although the window has not taken them; elsewhere nothing changes.
+        """Like `update_around`, but with the last centers, which the window may lack; other ground does not change.
 
         Raises:
             IllConditionedError: if the centers there cannot be factorized; nothing changes.
@@ -68,7 +68,7 @@ class ShallowGround:
         return np.asarray(depths_m < self._limit_m)
 
     def travel_depth_m(self, leg: Leg, vehicle: VehicleConfig) -> float:
-        """Depth (m) of a vehicle at the end of a leg that keeps `vehicle.min_altitude_m` where the map expects it."""
+        """Depth (m) at which a vehicle keeps `vehicle.min_altitude_m` above the map's ground along a leg."""
         if vehicle.min_altitude_m <= 0.0 or vehicle.depth_m <= SHALLOWEST_M:
             return vehicle.depth_m
         ahead_m = np.linspace(0.0, leg.length_m, max(2, round(leg.length_m / self._grid.resolution_m) + 1))

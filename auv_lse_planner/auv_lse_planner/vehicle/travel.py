@@ -138,7 +138,7 @@ class Travel:
         self.finished = step >= self.steps
 
     def restart_leg(self) -> None:
-        """While the mission does not run: counts the leg's time from when it runs again, as the clock may be wrong."""
+        """Restarts the leg's time when the mission runs again, because the clock may be wrong. Call it while paused."""
         self.leg_started_s = self._held_s
 
     def snapshot(self) -> dict[str, Any]:

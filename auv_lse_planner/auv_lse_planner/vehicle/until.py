@@ -1,4 +1,4 @@
-"""When a mission ends before its last step: the team's maps have the quality that `mission.until` asks for.
+"""Ends a mission before its last step when the team's maps have the quality that `mission.until` asks for.
 
 Each vehicle's `gp_node` judges its own map (`auv_lse_gp/map/quality_watch.py`); this module counts the judgements. New
 soundings can lower an estimated quality again. So a map has the quality once `IN_A_ROW` judgements in a row have found
@@ -27,10 +27,10 @@ class Until:
     """One vehicle's part in the agreement to end.
 
     Attributes:
-        quality: Of the map judged last.
+        quality: Quality of the map at the last judgement.
         met: Number of the last judgements in a row that found the quality asked for.
         ends: Whether the next leg is the last one.
-        horizon: The step at which the vehicle plans to have it.
+        horizon: The step at which the vehicle plans to have this quality.
     """
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea, mates: Sequence[int]) -> None:
@@ -51,7 +51,7 @@ class Until:
         return self.met >= IN_A_ROW
 
     def begin_decision(self, now_s: float, step: int) -> None:
-        """A decision from `step` is made at `now_s` (s). From the first one on, mates may be silent."""
+        """Prepares for a decision from `step` at `now_s` (s). Silence of mates counts from the first one on."""
         if self._began_s is None:
             self._began_s = now_s
         self.horizon.extend(step)
@@ -104,9 +104,9 @@ class Until:
 
 
 def plans_to_horizon(settings: PlannerSettings) -> bool:
-    """Whether a mission is planned for a share found (`methods/horizon.py`).
+    """Whether a mission's tours are planned for a share found (`methods/horizon.py`).
 
-    Only a team's tours are, if they are optimized again and not in stages. A single vehicle gains nothing by it.
+    Only those of a team are, if they are optimized again and not in stages. A single vehicle gains nothing by it.
     """
     planner, mission = settings.planner.complete(), settings.mission
     is_tour = mission.until.found is not None and planner.family_name == "tour" and bool(planner.tour_interval)

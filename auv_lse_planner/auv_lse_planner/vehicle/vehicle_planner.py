@@ -252,7 +252,7 @@ class VehiclePlanner:
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
         self.until.begin_decision(now_s, step)
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
-        method = self._method  # before it takes the map, whose size it may bound
+        method = self._method  # created before the map is updated, because it may bound the map's size
         evaluates = method.evaluates(step, self.planner) or bool(last and self._surfacings.is_considered(last.path))
         self._take_centers(state, evaluates)
         self._keep_off_shallows(state, evaluates)
@@ -351,7 +351,7 @@ class VehiclePlanner:
         return leg.step == self._travel.steps - 1
 
     def resume_at(self, step: int, finished: bool = False) -> None:
-        """Continues at `step` after a restart: what was decided before it was published, and must not be repeated.
+        """Continues at `step` after a restart: earlier decisions may have been published, and must not be repeated.
 
         Args:
             step: Number of steps decided. If `restore` knew fewer, the plan and legs of the others are lost.
