@@ -22,7 +22,7 @@ class Translator:
         self._recorded, self._present = recorded, present
 
     def translated(self, kind: str, data: bytes) -> bytes:
-        """A message as this version publishes it; most are returned as they are.
+        """A message as this version publishes it; most are returned unchanged.
 
         Args:
             data: The message (CDR).
@@ -47,7 +47,7 @@ class Translator:
         return bool(self._recorded.fielddefs[kind] == self._present.fielddefs[kind])
 
     def _fields(self, message: Any, kind: str) -> dict[str, Any]:
-        """The fields of a message, also under the names that they have now ("place_modes": "position_modes")."""
+        """The fields of a message, also under their present names ("place_modes": "position_modes")."""
         fields = {}
         for name, _ in self._recorded.fielddefs[kind][1]:
             fields[name] = fields[name.replace("place", "position")] = _plain(self, getattr(message, name))

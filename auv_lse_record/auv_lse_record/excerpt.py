@@ -1,7 +1,7 @@
-"""Cuts from a dive's recordings, while they grow, what a chart on another computer needs: few bytes over a bad link.
+"""Extracts from a dive's growing recordings what a chart on another computer needs: few bytes over a poor link.
 
 An excerpt is a piece of an MCAP file without chunks: the pieces of one file, one after another behind `MAGIC`, are a
-recording that `RecordingFile` reads. Nothing is kept between two excerpts: a cursor has all that the next one needs.
+recording that `RecordingFile` reads. No state is kept between excerpts: the cursor has all that the next one needs.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _MOST_TOPICS = 100
 
 @dataclass(slots=True)
 class Cursor:
-    """How far excerpts have got.
+    """The end of the last excerpt, at which the next one begins.
 
     Attributes:
         dive: Name of the dive's folder.
         file: The recording's file below it.
         offset: Where the next record begins.
         channels: Names of the topics whose messages are wanted, by the number of their channel.
-        kept_ns: When the last message of a channel was recorded that was kept.
+        kept_ns: When the last kept message of each channel was recorded.
     """
 
     dive: str = ""
@@ -44,7 +44,7 @@ class Cursor:
         """The cursor of a message.
 
         Raises:
-            TypeError, ValueError: if it is none.
+            TypeError, ValueError: if the values are no cursor.
         """
         found = cls(**values)
         texts = (found.dive, found.file, *found.channels, *found.channels.values(), *found.kept_ns)
@@ -59,7 +59,7 @@ class Cursor:
 
 
 def excerpt(dive: Path, cursor: Cursor, topics: Mapping[str, float]) -> tuple[bytes, Cursor, bool]:
-    """What was recorded in a dive since the last excerpt, of some topics.
+    """The messages on some topics that were recorded in a dive since the last excerpt.
 
     Args:
         cursor: From the last excerpt; that of another dive, or a new one, starts over.
@@ -71,7 +71,7 @@ def excerpt(dive: Path, cursor: Cursor, topics: Mapping[str, float]) -> tuple[by
 
     Raises:
         OSError: if a file cannot be read.
-        RecordingError: if the last file is none, or damaged; of an earlier one the rest is left out.
+        RecordingError: if the last file is not MCAP or is damaged; the rest of a damaged earlier file is left out.
     """
     if len(topics) > _MOST_TOPICS:
         raise RecordingError(f"{len(topics)} topics are too many for an excerpt.")

@@ -1,4 +1,4 @@
-"""Which topics outside of the stack are recorded, and how many bytes of them."""
+"""Selects the topics outside of the stack that are recorded, and limits their size."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase

@@ -14,8 +14,8 @@ from auv_lse_record.message_types import make_message
 class MessageRows:
     """The messages of one topic.
 
-    The first message is serialized as any other. Where the other messages differ from it is found by changing one
-    number after the other, so that nothing here depends on the layout of a type.
+    The first message is serialized as any other. Changing one number after the other shows where the other messages
+    differ from it, so that no layout of a type is assumed.
     """
 
     def __init__(self, store: Any, kind: str, fields: Mapping[str, Any], columns: Columns) -> None:

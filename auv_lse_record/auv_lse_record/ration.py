@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from auv_lse_common.topics.table import VEHICLE_TOPICS, Found
 from auv_lse_record.message_types import stamp_of
 
-#: Number of held messages of a topic that goes with another one: more than come while a map is on its way.
+#: Number of held messages of a follower, a topic recorded with another one: more than come while a map is in transit.
 _HELD = 24
 
 #: A message to record: topic, bytes.
@@ -20,10 +20,10 @@ Kept = tuple[str, bytes]
 
 @dataclass(slots=True)
 class _Leader:
-    """A rationed topic: when its next message is due, and its newest message that was left out, with what goes with it.
+    """A rationed topic: when its next message is due, and its newest omitted message with those of its followers.
 
-    `followers` are the newest messages of the topics that are recorded with it, by topic. Of topics with revisions, in
-    `states`, the last one up to a stamp goes with a message; the dictionary has the stamp of the one recorded last.
+    `followers` are the newest messages of the topics that are recorded with it, by topic. `states` has the followers
+    with revisions, with the stamp of the message recorded last: their last message up to its stamp goes with a message.
     """
 
     bytes_per_s: float
@@ -35,7 +35,7 @@ class _Leader:
     states: dict[str, float] = field(default_factory=dict)
 
     def is_late(self, topic: str, stamp_s: float) -> bool:
-        """Whether a follower's message belongs to the message recorded last, which has come before it."""
+        """Whether a follower's message belongs to the message recorded last, and comes after it."""
         return stamp_s == self.recorded_s or self.states.get(topic, math.inf) < stamp_s <= self.recorded_s
 
     def add(self, topic: str, stamp_s: float, data: bytes) -> None:
@@ -46,7 +46,7 @@ class _Leader:
             self.held.append((topic, data))
 
     def going_with(self, stamp_s: float) -> Iterator[Kept]:
-        """The followers' messages that go with a message of this stamp and have come already."""
+        """The followers' messages so far that go with a message of this stamp."""
         for topic, each in self.followers.items():
             last_s = max((s for s, _ in each if s <= stamp_s), default=stamp_s)
             wanted_s = last_s if topic in self.states else stamp_s

@@ -74,7 +74,7 @@ class RecorderNode(BaseNode):
         self._topics: set[str] = set()
         self._written_ns = 0  # stamp of the last message
         self._ends = False
-        self._held: list[Callable[[], None]] = []  # messages whose senders have not introduced themselves yet
+        self._held: list[Callable[[], None]] = []  # messages of senders that are not identified yet
         self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
         self._write_text(MISSION_FILE, mission_text(sys.argv, self.parameters))
         self._write_text(SOFTWARE, version())
@@ -177,19 +177,19 @@ class RecorderNode(BaseNode):
         return taken
 
     def _sender_of(self, found: Found, data: bytes, participant: bytes | None) -> str | None:
-        """The dive that has sent a message; None: its participant may still introduce itself."""
+        """The dive that has sent a message; None: its participant may still identify itself."""
         if not found.topic.is_standard:
             return dive_in(data)
         return self.senders.sender_of(frame_of(data), participant, time.monotonic())
 
     def _write_held(self) -> None:
-        """Records the messages whose senders have introduced themselves, or had the time for it."""
+        """Records the messages whose senders have identified themselves, or had the time for it."""
         held, self._held = self._held, []
         for write in held:
             write()
 
     def _is_foreign(self, found: Found, sender: str) -> bool:
-        """Whether a message of a dive is another one's. Team mates in the same domain are recorded, too."""
+        """Whether a message comes from another dive. Team mates in the same domain are recorded, too."""
         vehicle, own_vehicle = f"auv{found.vehicle}", vehicle_of(self.dive)
         if found.vehicle and own_vehicle not in ("", vehicle) and vehicle_of(sender) in ("", vehicle):
             return is_simulation(sender)
@@ -237,7 +237,7 @@ class RecorderNode(BaseNode):
 
     def destroy_node(self) -> None:
         """Records the last maps, closes the recording, then ends the node."""
-        self._ends = True  # who has not introduced itself yet is a user's driver
+        self._ends = True  # senders that are not identified yet are a user's drivers
         self._write_held()
         for topic, data in self._ration.rest():
             self._bag.write(topic, self._written_ns, data)

@@ -111,10 +111,10 @@ def recording_in(path: Path) -> Path:
 
 
 def parts_of(recording: Path) -> list[Path]:
-    """The recordings of which one consists: those in a run folder, in order, or the recording itself.
+    """The parts of a recording: those in a run folder, in order, or the recording itself.
 
-    A recorder that is restarted, as after a reboot in mid-dive, begins the next one: bag, bag-2, ... Those without a
-    byte are left out.
+    A recorder that is restarted, as after a reboot in mid-dive, begins the next one: bag, bag-2, ... Empty ones
+    are left out.
     """
     if recording.is_file() or _whole_or_alone(recording):
         return [recording]
@@ -134,7 +134,7 @@ def _whole_or_alone(folder: Path) -> Path | None:
 
 @contextmanager
 def _each_definition_parsed_once() -> Iterator[None]:
-    """Lets rosbags parse a definition once, and not for every topic that has it: a recording opens in half the time."""
+    """Lets rosbags parse each definition once, not for every topic that has it: a recording opens in half the time."""
     from rosbags.highlevel import anyreader
 
     parse = getattr(anyreader, "get_types_from_msg", None)

@@ -29,7 +29,7 @@ class Recovered:
     Attributes:
         file: The MCAP file, now complete.
         lost_bytes: Bytes of the damaged file outside of whole records.
-        nameless: Messages in whole chunks whose topic is described in none.
+        nameless: Messages in whole chunks whose topic no whole chunk describes.
     """
 
     file: Path

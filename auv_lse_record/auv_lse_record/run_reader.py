@@ -40,9 +40,9 @@ _TOPICS = {
     "diagnostics",
     "mission/state",
 }
-#: Those of them that only bring notes.
+#: Those of them that only yield notes.
 _NOTES = {"diagnostics", "mission/state"}
-#: What is kept of the messages on topics with one or more per second, as numbers: of a message, and their count.
+#: Topics with a message per second or more, kept as rows of numbers: the numbers of a message, and their count.
 _ROWS: dict[str, tuple[Callable[[Any], Iterable[float]], int]] = {
     "truth/odometry": (lambda o: (o.stamp_s, o.north_m, o.east_m, o.heading_rad), 4),
     "odometry": (lambda o: (o.stamp_s, o.north_m, o.east_m, o.heading_rad, *o.position_std_m), 6),
@@ -127,7 +127,7 @@ def mission_file_of(recording: Path, text: str | None, read_area: AreaReader | N
 
 
 def _on_another_file(recording: Recording, path: Path, read_area: AreaReader | None) -> list[str]:
-    """A note if somebody has changed the mission file beside a recording, which is not read."""
+    """A note if the mission file beside a recording, which is not read, differs from the recorded one."""
     text, beside = recording.text(MISSION_FILE), path / "mission.yaml"
     if text is None or not beside.is_file():
         return []
@@ -240,7 +240,7 @@ def why_ended_early(states: Sequence[RunReport]) -> str:
     for status in (report.status for report in states):
         if status.state not in (RunState.ENDED, RunState.ABORTED):
             reason = None
-        elif reason is None:  # what comes after the end, as a mate's abort, does not end it
+        elif reason is None:  # later states, such as a mate's abort, do not end it again
             reason = status.reason if status.ended_early else ""
     return reason or ""
 

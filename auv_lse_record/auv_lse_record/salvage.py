@@ -85,7 +85,7 @@ def _is_followed(data: bytes, end: int) -> bool:
 
 
 def _after_damaged(data: bytes, at: int) -> int:
-    """Where to go on after a damaged record: behind it, if its length is plausible."""
+    """Where to resume after a damaged record: behind it, if its length is plausible."""
     end = _end(data, at)
     return end if end is not None and data[at] == _CHUNK and _is_followed(data, end) else at + 1
 
@@ -103,7 +103,7 @@ def _single(kind: int, content: bytes) -> list[Any] | None:
         if kind not in readers:
             return []
         record = readers[kind](stream)
-    except Exception:  # whatever damaged bytes make of the reader
+    except Exception:  # the reader raises errors of many kinds for damaged bytes
         return None
     return [record] if stream.count == len(content) else None
 
@@ -118,14 +118,14 @@ def _chunk_records(content: bytes) -> list[Any] | None:
         stream = ReadDataStream(BytesIO(content))
         chunk = Chunk.read(stream)
         at = _BEFORE_NAME + 4 + len(chunk.compression)
-        size = int.from_bytes(content[at : at + 8], "little")  # the reader takes less, if there is less
+        size = int.from_bytes(content[at : at + 8], "little")  # the reader accepts less data than stated
         if at + 8 + size != len(content) or chunk.uncompressed_size > _largest(chunk.compression, len(content)):
             return None
         inner, size = get_chunk_data_stream(chunk, validate_crc=True)
         if size != chunk.uncompressed_size:
             return None
         records = breakup_chunk(replace(chunk, compression="", data=inner.read(size)))
-    except Exception:  # of the decompression's libraries, too; memory that is not there
+    except Exception:  # also errors of the decompression libraries, and a lack of memory
         return None
     times = [record.log_time for record in records if isinstance(record, Message)]
     if not all(isinstance(record, Channel | Message | Schema) for record in records):

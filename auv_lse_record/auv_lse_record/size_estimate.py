@@ -75,7 +75,7 @@ def size_of(settings: Settings) -> SizeEstimate:
 
 
 def lack_of_space(needed_mb: float, free_mb: float, least_free_mb: float) -> str:
-    """What is wrong if a disk does not have the room for a recording; "" if it does."""
+    """Text for a disk without enough space for a recording; "" if it has enough."""
     room_mb = max(free_mb - least_free_mb, 0.0)
     if needed_mb <= room_mb:
         return ""
