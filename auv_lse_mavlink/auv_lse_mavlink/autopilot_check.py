@@ -2,7 +2,7 @@
 
 `AutopilotCheck` opens no port and reads no clock: `receive` takes bytes and times, `outgoing` returns datagrams to
 send, `findings` lists what was seen and what is missing, `changes` the parameters to set. It uses a `VehicleLink`, so
-it finds what the link will find.
+its findings hold for the link.
 """
 
 import itertools
@@ -290,7 +290,10 @@ class AutopilotCheck:
         return [*found, Finding(ok=True if sensor_m else None, text=zero.text), Finding(ok=True, text=agrees)]
 
     def _states(self) -> list[Finding]:
-        report, depth = self.link.report, self.link.gauge.problem(self._now_s)  # that one is reported already
+        report, depth = (
+            self.link.report,
+            self.link.gauge.problem(self._now_s),
+        )  # `_depth_findings` reports the depth
         modes = self._config.modes or obeying_modes(*self._kind, self._options.mission)
         obeys = report.mode in modes if modes else None
         followed = "unknown which modes follow targets: set link.modes"

@@ -16,8 +16,8 @@ standard air pressure, which may be metres wrong; `problem` reports it.
 
 *Offset.* The autopilot's own depth minus pressure depth, filtered. Depth targets are shifted by it. Under water it may
 differ from its value at the surface by at most `link.depth_difference_m`; beyond it `problem` is set. The shift stops
-there, so that a gauge that is stuck cannot make a vehicle dive on and on. It follows a sudden step of the autopilot's
-own depth, faster than a vehicle or a gauge, which is one of its datum. Targets at the surface take the smaller of both
+there, so that a stuck gauge cannot make a vehicle dive ever deeper. A sudden step of the autopilot's own depth, faster
+than a vehicle or a gauge, is a step of its datum: the shift follows it. Targets at the surface take the smaller of both
 shifts. When the autopilot reboots or gets another origin, its datum may change (`forget`).
 
 *No pressure* for `link.stale_after_s`: depth is the autopilot's own minus the last offset, and `problem` reports it.
@@ -52,7 +52,7 @@ FIRST_DIFFERENCES, DIFFERENCES = 3, 5
 SETTLING_S = 8.0
 #: Time constant of the offset (s).
 OFFSET_TIME_S = 5.0
-#: A step of the autopilot's own depth is one of its datum if it is more than this (m), and this much a second (m/s).
+#: The autopilot's own depth changes by more than this (m), and faster than this (m/s), only if its datum steps.
 STEP_M, STEP_MPS = 0.5, 1.5
 #: Below this depth (m) the vehicle has dived; a GPS fix above this depth means that it is at the surface.
 DIVED_M = 1.0
@@ -129,7 +129,7 @@ class DepthGauge:
         self._own_m, self._own_s = depth_m, now_s
         if math.isnan(self._waiting_m):
             return
-        part = 1.0  # of the way from the last own depth to this one, at the time of the pressure
+        part = 1.0  # fraction of the time between the last two own depths at which the pressure was measured
         if now_s > before_s and now_s - before_s <= self._stale_s:
             part = (self._pressure_s - before_s) / (now_s - before_s)
         own_m = before_m + part * (depth_m - before_m) if part < 1.0 else depth_m
@@ -173,7 +173,7 @@ class DepthGauge:
 
     @property
     def is_known(self) -> bool:
-        """Whether depths can be trusted as far as the gauge has learned what it needs, or needs nothing."""
+        """Whether the offset is known, or is not needed."""
         return not (self.is_used and math.isnan(self.offset_m))
 
     def depth_m(self, now_s: float, own_m: float) -> float:
@@ -186,7 +186,7 @@ class DepthGauge:
 
     @property
     def shift_m(self) -> float:
-        """What to add to a depth (m) to get a target in the autopilot's datum; 0 while unknown."""
+        """The shift (m) from a depth to a target in the autopilot's datum; 0 while unknown."""
         if math.isnan(self.offset_m):
             return 0.0
         return min(max(self.offset_m, self._center_m - self._limit_m), self._center_m + self._limit_m)
@@ -197,7 +197,7 @@ class DepthGauge:
         return depth_m + (min(self.shift_m, self.offset_m) if surfaces else self.shift_m)
 
     def settling(self, now_s: float) -> bool:
-        """Whether the offset will be known in a moment, so that targets should wait."""
+        """Whether the offset will be known soon, so that targets should wait."""
         is_fresh = now_s - min(self._pressure_s, self._own_s) <= self._stale_s
         return self.is_used and math.isnan(self.offset_m) and is_fresh
 

@@ -63,7 +63,7 @@ def dataflash_messages(
         from pymavlink.DFReader import DFReader_binary, DFReader_text
     except ImportError as error:
         raise missing(error, "ArduPilot's logs") from error
-    with _complaints() as complaints:
+    with _captured_output() as complaints:
         try:
             with path.open("rb") as file:
                 make: Any = DFReader_binary if file.read(len(_DATAFLASH)) == _DATAFLASH else DFReader_text
@@ -89,8 +89,8 @@ def dataflash_messages(
 
 
 @contextlib.contextmanager
-def _complaints() -> Iterator[IO[bytes]]:
-    """A file that takes what is printed: pymavlink, partly in C, prints a line for each bad byte or message."""
+def _captured_output() -> Iterator[IO[bytes]]:
+    """Redirects output to a file: pymavlink, partly in C, prints a line for each bad byte or message."""
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
         before = os.dup(2)

@@ -110,8 +110,8 @@ class VehicleLink:
         latitude_deg = None if origin is None else origin.lat_deg
         self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts, limits.is_afloat)
         self._fix_s = -math.inf  # when GPS last had a fix
-        self._spoke_s = -math.inf  # when any of its messages arrived
-        self._utc_s, self._set_back_s = -math.inf, 0.0  # the host's clock, and by how much it was set back so far
+        self._received_s = -math.inf  # when the last message of the autopilot arrived
+        self._utc_s, self._set_back_s = -math.inf, 0.0  # the host's clock, and the total by which it was set back
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
         self._heard_utc_s = -math.inf
         self._attitude: Message | None = None
@@ -128,7 +128,7 @@ class VehicleLink:
             if (message.get_srcSystem(), message.get_srcComponent()) != self._autopilot:
                 self.counts["from_others"] += 1
                 continue
-            self._spoke_s = self._now_s
+            self._received_s = self._now_s
             handler = HANDLERS.get(message.get_type())
             if handler is not None:
                 handler(self, message)
@@ -239,7 +239,7 @@ class VehicleLink:
     @property
     def _depth_problem(self) -> str:
         """Reason not to trust the depth, apart from silence of the whole autopilot."""
-        return self.gauge.problem(min(self._now_s, self._spoke_s)) if self.state is LinkState.UP else ""
+        return self.gauge.problem(min(self._now_s, self._received_s)) if self.state is LinkState.UP else ""
 
     @property
     def problem(self) -> tuple[float, str]:
@@ -264,7 +264,7 @@ class VehicleLink:
     # ------------------------------------------------------------------ helpers
 
     def _tick(self, now_s: float) -> None:
-        """Advances to the host's clock. Where that is set back, `_now_s`, by which everything waits, goes on."""
+        """Advances to the host's clock. If it is set back, `_now_s`, which times all waits, still advances."""
         if now_s < self._utc_s:
             self.counts["clock_steps"] += 1
             self._set_back_s += self._utc_s - now_s

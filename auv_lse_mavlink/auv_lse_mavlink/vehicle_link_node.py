@@ -48,15 +48,15 @@ class VehicleLinkNode(DriverNode):
             if kind == "zero":
                 self._autopilot.link.gauge.restore(values[0], self.now_s())
         self._waypoints = 0
-        self._disobeys = False  # reported last
+        self._disobeys = False  # as last reported
         self._status = self.publisher("autopilot")
         self._started_s = self.now_s()
         self._last: tuple[int, float] | None = None  # step and stamp of the last waypoint
         self._then: Stop | None = None  # the stop after it
-        self._late: list[Waypoint] = []  # received after a restart, not commanded yet
+        self._pending: list[Waypoint] = []  # received after a restart, not commanded yet
         self._has_state = False  # whether mission/state was received
         self._silent_s: float | None = None  # time without mission/state while the vehicle travels; None: it does not
-        self._had_ended = False  # whether the mission had ended before this node commanded anything: it was restarted
+        self._had_ended = False  # whether this node was restarted after the mission's end
         self._odometry = self.publisher("odometry")
         self._origin_deg = (origin.lat_deg, origin.lon_deg) if origin else None
         self._navsat = self.publisher("navsat") if origin else None
@@ -88,17 +88,17 @@ class VehicleLinkNode(DriverNode):
         if self._had_ended:
             return
         self._then = waypoint.then
-        if self._late or (first and (step or decided[1] < self._started_s)):
-            self._late.append(waypoint)  # this node was restarted during the mission: wait for position and state
+        if self._pending or (first and (step or decided[1] < self._started_s)):
+            self._pending.append(waypoint)  # this node was restarted during the mission: wait for position and state
         else:
             self._command(step, [target_of(waypoint)])
-        self.answer_again("vehicle_link")  # the answer to this tick did not count the waypoint
+        self.answer_again("vehicle_link")  # this tick was answered before the waypoint arrived
 
     def _on_state(self, report: RunReport) -> None:
         link = self._autopilot.link
         if report.status.state is RunState.ENDED and not link.counts["targets"]:
-            self._had_ended, self._then = True, None  # nothing moves after the end: its position may be far away now
-            self._late.clear()
+            self._had_ended, self._then = True, None  # no target after the end: the vehicle may be far away by now
+            self._pending.clear()
         try:
             ended = report.status.state is RunState.ENDED
             link.stop(self.now_s(), report.status.stop_after(self._then), ended)
@@ -127,7 +127,7 @@ class VehicleLinkNode(DriverNode):
             self.get_logger().error(f"waypoint of step {step}: {error}")
 
     def polls(self) -> bool:
-        """Before the first tick, time passes with the timer: the autopilot must be found."""
+        """Whether the timer advances the link: in lockstep only before the first tick, to find the autopilot."""
         return super().polls() or self.last_tick("vehicle_link") == 0
 
     def totals(self) -> tuple[int, ...]:
@@ -151,8 +151,8 @@ class VehicleLinkNode(DriverNode):
                 )
                 self._dead_reckoning.publish(raw)
                 self._transforms.publish(event, raw)
-                if self._late and self._has_state:
-                    (first, *later), self._late = self._late, []
+                if self._pending and self._has_state:
+                    (first, *later), self._pending = self._pending, []
                     self._command(first.leg.step, ends_to_reach(first, event.north_m, event.east_m))
                     for waypoint in later:
                         self._command(waypoint.leg.step, [target_of(waypoint)])

@@ -1,1 +1,1 @@
-"""What an autopilot's parameters have to be, and how they are read and set."""
+"""Rules for an autopilot's parameters; reads and sets them."""

@@ -56,7 +56,7 @@ class ParameterReader:
                     self._send(mavlink.MAVLink_param_request_read_message(*self._to, name.encode(), -1))
 
     def judge(self, rules: tuple[Rule, ...]) -> tuple[list[Finding], list[Change]]:
-        """What the parameters do, and the changes to make."""
+        """Findings about the parameters, and the changes to make."""
         findings, changes = [], []
         for rule in rules:
             known = [(name, unit) for name, unit in rule.names if name in self.values]
@@ -95,7 +95,7 @@ class ParameterReader:
                 self._send(mavlink.MAVLink_param_set_message(*self._to, change.name.encode(), value, kind))
 
     def applied(self) -> list[Finding]:
-        """What was set, and what was not."""
+        """Findings about the changes: which were set, and which were not."""
         found = []
         for change in self._wanted.values():
             done = self._is_set(change)

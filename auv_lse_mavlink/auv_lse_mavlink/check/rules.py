@@ -65,7 +65,7 @@ _ROVER_THROTTLE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What a parameter has to fit.
+    """The setup that parameters must fit.
 
     Attributes:
         kind: MAV_AUTOPILOT and MAV_TYPE of the autopilot.
@@ -150,7 +150,7 @@ def _sub(setting: Setting) -> Iterator[Rule]:
     yield Rule((("FS_GCS_ENABLE", 1.0),), _choice(_SUB_GCS, 4.0))
     yield Rule((("FS_PILOT_INPUT", 1.0),), _choice(_SUB_PILOT, 1.0))
     yield Rule((("FS_LEAK_ENABLE", 1.0),), _choice(_SUB_LEAK, 2.0))
-    yield Rule((("BARO_PRIMARY", 1.0),), _known("the barometer that it zeroes itself: the water's"))
+    yield Rule((("BARO_PRIMARY", 1.0),), _known("the barometer that it zeroes: must be the one in the water"))
     density = setting.density_kgpm3 / 1000.0
 
     def judge_density(value: float) -> Judgement:

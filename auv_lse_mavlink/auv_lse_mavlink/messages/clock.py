@@ -2,7 +2,7 @@
 
 #: The autopilot's UTC is used if it is within this of the host's clock (s).
 MAX_CLOCK_OFFSET_S = 2.0
-#: A time since boot that is less than the last one by more than this means a reboot, by less a reordered datagram (ms).
+#: A time since boot that falls by more than this (ms) means a reboot; by less, a reordered datagram.
 REBOOT_MS = 1000
 
 
@@ -14,7 +14,7 @@ class AutopilotClock:
         self._boot_ms = 0  # the latest time since boot
 
     def forget_utc(self) -> None:
-        """The autopilot may have another clock now, or the host's clock was set."""
+        """Discards the UTC: the autopilot may have another clock now, or the host's clock was set."""
         self._offset_s = None
 
     def detect_reboot(self, boot_ms: int) -> bool:

@@ -87,7 +87,7 @@ class OriginExchange:
         self._asked_s = -math.inf
 
     def _lose(self, why: str) -> None:
-        """The autopilot's local frame may have moved: without a mission origin nothing shows by how much."""
+        """Marks positions as unusable if there is no mission origin to show how far the local frame has moved."""
         if self.datum.mission is None and self.has_targets:
             self._is_lost = True
             self.contradiction = (
@@ -96,7 +96,7 @@ class OriginExchange:
             )
 
     def setting_refused(self, now_s: float) -> None:
-        """The autopilot takes no origin: it has one, or waits for its GPS. It is asked again, and sets one later."""
+        """Handles a refusal of the origin: the autopilot has one, or waits for its GPS. It is set later if need be."""
         self._set_from_s = now_s + ASK_AGAIN_S
 
     def ask_at_once(self, now_s: float) -> None:

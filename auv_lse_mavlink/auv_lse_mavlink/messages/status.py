@@ -1,4 +1,4 @@
-"""What an autopilot reports about itself: mode, arming, battery, leak, and texts for the operator."""
+"""The state that an autopilot reports: mode, arming, battery, leak, and texts for the operator."""
 
 import math
 
@@ -74,7 +74,7 @@ class AutopilotStatus:
     def text(self, now_s: float, message: Message) -> str:
         """Handles a STATUSTEXT; returns the text if an operator should read it, else "".
 
-        A text that repeats itself is returned once in `TEXT_AGAIN_S`.
+        A repeated text is returned once per `TEXT_AGAIN_S`.
         """
         if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
             self._leak_s = now_s

@@ -35,7 +35,7 @@ _NUMBER, _PAYLOAD_FROM, _TS1 = slice(7, 10), 10, slice(8, 16)
 
 
 class _Mavlink(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
-    """pymavlink's with other rules for signatures.
+    """pymavlink's class with other rules for signatures.
 
     A forged signature does not advance the time before which messages are refused. With a `nonce` a sender's first
     message must be the answer to it, and a new stream of a known sender must be newer than all of its messages.
@@ -71,7 +71,7 @@ class _Mavlink(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
         return True
 
     def newest(self, sender: tuple[int, int]) -> int | None:
-        """Newest timestamp accepted of a sender; None: none was."""
+        """Newest timestamp accepted from a sender; None without one."""
         return max((t for key, t in self.signing.stream_timestamps.items() if key[1:] == sender), default=None)
 
     def _answers(self, msgbuf: bytearray) -> bool:
@@ -136,7 +136,7 @@ class MavlinkCodec:
     def senders(self, datagram: bytes) -> set[tuple[int, int]]:
         """Systems and components whose messages in a single datagram `decode` would accept.
 
-        Also those that have not answered the nonce yet, but were signed later than all such messages before.
+        Includes senders that have not answered the nonce yet, if their message is signed later than all such before it.
         """
         other = MavlinkCodec(0, 0, self._mav.signing.secret_key, self._mav.nonce)
         other._mav.signing.timestamp = self._mav.signing.timestamp

@@ -29,9 +29,9 @@ FIRST_WAIT_S, LONGEST_WAIT_S = 5.0, 60.0
 #: wp_dist agrees with the distance to the target within this (m), plus the way in this time (s): it is a whole number,
 #: and as old as its stream is slow.
 AGREES_M, AGREES_S = 3.0, 2.0
-#: wp_dist of the time before this (s) after a target may still be that of the last one.
+#: For this time (s) after a target was sent, wp_dist may still be that of the last one.
 SETTLED_S = 2.0
-#: So many differing values of wp_dist in a row mean that the target is forgotten.
+#: This many differing values of wp_dist in a row mean that the target is forgotten.
 DIFFERING = 3
 #: wp_dist is too old to confirm anything after this (s).
 STALE_S = 5.0

@@ -13,7 +13,7 @@ from auv_lse_common.safety.altitude_keeper import REACH_M, AltitudeKeeper
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.events import AutopilotEstimate
 
-#: A target that is needlessly high is lowered at most this often (s); a low one is lifted at most that often (s).
+#: Least time (s) between two lowerings of a needlessly high target, and between two lifts of a low one.
 LOWER_EVERY_S, LIFT_EVERY_S = 8.0, 1.0
 #: A climb ends this far (m) below its depth.
 CLIMBED_M = 0.15
@@ -31,7 +31,7 @@ class Lift:
         """Keeps `least_m` (m) above the ground; 0: does nothing."""
         self.keeper = AltitudeKeeper(least_m)
         self.climbs = False
-        self._target: Target | None = None  # as it was given
+        self._target: Target | None = None  # before it is lifted
         self._depth_m = math.nan  # its depth as lifted, or where a climb ends
         self._changed_s = -math.inf
 

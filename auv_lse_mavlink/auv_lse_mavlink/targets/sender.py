@@ -25,7 +25,7 @@ The way to the surface and back down is vertical: such a target is the vehicle's
 
 A target that is too deep, or outside the fence and farther out than the vehicle itself, is refused.
 
-`problem` says that the autopilot refuses its mission, or that the vehicle does not follow its target (`obedience.py`).
+`problem` reports an autopilot that refuses its mission, or a vehicle that does not follow its target (`obedience.py`).
 """
 
 import dataclasses
@@ -85,11 +85,9 @@ class TargetSender:
         self._stopped_at: Target | None = None
         self._unsent = False  # whether another target was chosen, or the mission must be sent
         self._delivery = Delivery(config.target_period_s)
-        self._has_ended = (
-            False  # whether the vehicle has reached the mission's last target, or a stop's position to go to
-        )
-        self._stays = False  # whether its target is the position where it is found next
-        self._mission_ended = self._abandoned = False  # ENDED; and its way since then was abandoned: it surfaces
+        self._has_ended = False  # whether the mission's last target, or a stop's position to go to, is reached
+        self._stays = False  # whether its next reported position becomes its target
+        self._mission_ended = self._abandoned = False  # whether the mission ended, and its way since then was abandoned
         self._here: AutopilotEstimate | None = None  # the vehicle's last position
         self._vertical = VerticalWay()
         self.lift = Lift(limits.least_altitude_m)
@@ -168,11 +166,11 @@ class TargetSender:
             self._delivery.feedback(now_s, wp_dist_m, apart_m, position.speed_mps)
 
     def origin_moved(self) -> None:
-        """The autopilot's frame has moved: its target was in the old one."""
+        """Discards the delivered target, because the autopilot's frame has moved."""
         self._delivery.forget()
 
     def doubt(self, now_s: float) -> None:
-        """The autopilot's estimate has jumped: it may have lost its target."""
+        """Handles a jump of the autopilot's estimate, by which it may have lost its target."""
         self._delivery.doubt(now_s)
 
     def add(self, target: Target, position: AutopilotEstimate | None) -> None:
@@ -290,29 +288,29 @@ class TargetSender:
         self._watch_upload()
 
     def acknowledged(self, now_s: float, result: int) -> None:
-        """The autopilot accepts or refuses the mission."""
+        """Handles the autopilot's answer to the mission."""
         if self._upload.busy:
             self._upload.acknowledge(now_s, result)
             self._watch_upload()
 
     def speed_answered(self, result: int) -> None:
-        """The autopilot accepts or refuses a speed (MAV_RESULT)."""
+        """Handles the autopilot's answer to a speed (MAV_RESULT)."""
         self.refused_speed = ""
         if result not in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
             self._counts["speeds_refused"] += 1
             self.refused_speed = RESULTS.get(result, str(result))
 
     def restart_answered(self, now_s: float, result: int) -> None:
-        """The autopilot accepts or refuses to make an item of the mission the current one (MAV_RESULT)."""
+        """Handles the autopilot's answer to the command that makes an item the current one (MAV_RESULT)."""
         self._upload.restart_answered(now_s, result)
 
     def now_at_item(self, number: int, state: int) -> None:
-        """The autopilot reports its current item, and the mission's state (MISSION_STATE; 0: unknown)."""
+        """Handles the autopilot's report of its current item and the mission's state (MISSION_STATE; 0: unknown)."""
         self._upload.current(number, state, self._delivery.may_follow)
         self._watch_upload()
 
     def gps(self, now_s: float, has_fix: bool) -> None:
-        """Tells whether GPS has a fix at `now_s` (s)."""
+        """Records whether GPS has a fix at `now_s` (s)."""
         if self._surfacing is not None:
             self._surfacing.gps(now_s, has_fix)
 

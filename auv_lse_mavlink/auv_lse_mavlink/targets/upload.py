@@ -93,7 +93,7 @@ class MissionUpload:
         self._ask(now_s, count)
 
     def request(self, now_s: float, number: int) -> None:
-        """The autopilot requests an item."""
+        """Handles the autopilot's request for an item."""
         if not self.busy or self.state is UploadState.SELECTING:
             return
         if not 0 <= number < len(self._items):
@@ -115,14 +115,14 @@ class MissionUpload:
             self._fail(f"the autopilot refused the mission: {RESULTS.get(result, result)}")
 
     def restart_answered(self, now_s: float, result: int) -> None:
-        """The autopilot accepts or refuses the command that makes an item the current one (MAV_RESULT)."""
+        """Handles the autopilot's answer to the command that makes an item the current one (MAV_RESULT)."""
         accepted = result in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
         if self.state is UploadState.SELECTING and self._restarts and not accepted:
             self._restarts = False
             self._select(now_s)
 
     def current(self, number: int, state: int = 0, flies: bool = False) -> None:
-        """The autopilot reports its current item.
+        """Handles the autopilot's report of its current item.
 
         Args:
             number: The item.

@@ -26,9 +26,9 @@ def target_of(waypoint: Waypoint) -> Target:
 
 
 def ends_to_reach(waypoint: Waypoint, north_m: float, east_m: float) -> list[Target]:
-    """What a restarted link has to reach: the end of a waypoint's leg, preceded by its start if that is still ahead.
+    """The targets of a restarted link: the end of a waypoint's leg, preceded by its start if that is still ahead.
 
-    Where the leg leads back, the short cut to its end would never pass the end of the leg before. On the leg itself
+    Where the leg leads back, the short cut to its end would never pass the end of the previous leg. On the leg itself
     its start lies behind: the vehicle must not turn back to it.
 
     Args:
