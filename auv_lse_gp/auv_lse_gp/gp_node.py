@@ -34,7 +34,7 @@ from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_gp.map.quality_watch import QualityWatch, slices
 from auv_lse_gp.positions.position_corrector import corrector_for
 
-#: Lockstep: time (s) between the slices of a judgement, in which the node handles messages.
+#: Lockstep: time (s) between the slices of a judgement, for the node to handle messages.
 _SLICES_S = 0.001
 
 
@@ -52,15 +52,15 @@ class GpNode(VehicleNode):
         until = section(MissionConfig, self.parameters, "mission", self.where).until
         watch = QualityWatch.of(config, level_set, operating_area, until)
         self._intake = MapIntake(self._map, corrector_for(self.vehicle, positions, self._map), watch)
-        self._is_running = False  # the mission is
+        self._is_running = False  # whether the mission is running
         self._slices_per_step = slices(section(SimConfig, self.parameters, "sim", self.where).tick_s)
-        self._slices = 0  # lockstep: of a judgement, still to be done in this tick
+        self._slices = 0  # lockstep: slices of a judgement still to be done in this tick
         self._judged = 0  # number of judgements published
         self._maps = Periodic(self._map.publish_period_s)
         self._unwatched_maps = Periodic(UNWATCHED_PERIODS * self._map.publish_period_s)
         self._reports = Periodic(config.publish_period_s)
         self._maps_took_s = 0.0
-        self._is_over = self._is_final_map_due = False  # the mission is; its complete map is not published yet
+        self._is_over = self._is_final_map_due = False  # the mission is over; its final map is not published yet
         self.show_parameters({"gp": config, "level_set": level_set, "area": area, "positions": positions})
         recording = section(RecordConfig, self.parameters, "record", self.where)
         self._is_rationed = recording.map_bytes_per_s > 0.0
@@ -103,12 +103,12 @@ class GpNode(VehicleNode):
         began = time.perf_counter()
         write = self.journal.write if self.journal.kept else None
         taken = self._intake.step(now_s) if write is None else self._intake.step_in_journal(now_s, write)
-        # no other process needs the centers but a recorder, which wants them with a map only
+        # only a recorder reads the centers in another process, and it needs them with a map only
         keep_back = self.lockstep and self._is_rationed and self._centers.readers <= self.recorded
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(_centers_report(now_s, self._map), keep_back=keep_back)
-        elif not keep_back:  # somebody else has begun to read
+        elif not keep_back:  # there is another reader now
             self._centers.send_kept_back()
         position = None if self._intake.corrector is None else self._intake.corrector.position
         if position is not None and position.stamp_s != self._placed_s:
@@ -127,7 +127,7 @@ class GpNode(VehicleNode):
             self._publish_health(now_s)
 
     def _judge(self, now_s: float) -> None:
-        """Does one slice of a judgement of the map; in lockstep the others of this tick follow in other callbacks."""
+        """Does one slice of a judgement of the map; in lockstep this tick's other slices follow in other callbacks."""
         quality = self._intake.judge(now_s, self._is_running, self.journal.write if self.journal.kept else None)
         if quality is not None:
             self._judged += 1
@@ -172,7 +172,7 @@ class GpNode(VehicleNode):
             isobath = self._map.isobath(field)
             for index in range(len(MARKERS)):
                 self._isobath.publish((now_s, index, isobath, level_set.level_m))
-        return_free_memory()  # of this process's other nodes, too
+        return_free_memory()  # also that of this process's other nodes
         self._maps_took_s = time.perf_counter() - began
 
     def _publish_health(self, now_s: float) -> None:

@@ -66,11 +66,11 @@ def map_health(
         }
     values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}
     values |= {f"soundings {kind}": number for kind, number in gated.items()}
-    level, text = _verdict(depth_map, gated, recent, quiet_s)
+    level, text = _level_and_text(depth_map, gated, recent, quiet_s)
     return Health(level=level, text=text, values=values)
 
 
-def _verdict(
+def _level_and_text(
     depth_map: DepthMap, gated: Mapping[str, int], recent: Mapping[str, int], quiet_s: float
 ) -> tuple[Level, str]:
     team = sorted(depth_map.team.items())

@@ -104,7 +104,7 @@ class MapIntake:
         return taken
 
     def restore(self, records: Sequence[Sequence[Any]]) -> None:
-        """Repeats the steps of a journal. What comes before the last checkpoint is only logged."""
+        """Repeats the steps of a journal. Inputs before the last checkpoint are only logged."""
         found = [values[0] for kind, *values in records if kind == "checkpoint"]
         joined_until_s = -math.inf
         if found and self.corrector is not None:

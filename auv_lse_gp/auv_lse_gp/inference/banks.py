@@ -5,7 +5,7 @@ With the distance d to the shore and the depth h along it, the depth f is modele
     f(p) = h + s(p) (g(p) - h),    s(p) = 1 - exp(-d(p) / BANK_M),
 
 where g is the Gaussian process of open ground. So the prior mean m becomes h + s (m - h), its standard deviation is s
-times that of open ground, and a sounding of deep ground tells little about the bank beside it.
+times that of open ground, and a sounding of deep ground hardly constrains the bank beside it.
 
 Computations use the *relative depth* r(p) = l + (f(p) - l) / s(p) for the level l. It is at least l exactly where f is,
 so classes, risks and the isobath are the same. Its prior has the same covariance as open ground and the mean
@@ -52,7 +52,7 @@ class Banks:
         before = np.concatenate([np.vstack([line[:1], line[:-1]]) for line in locations])
         after = np.concatenate([np.vstack([line[1:], line[-1:]]) for line in locations])
         self._pieces_m = np.stack([before, after]) - self._locations_m
-        self._last: tuple[Array, Array] | None = None  # the locations that were asked for last, and their factors
+        self._last: tuple[Array, Array] | None = None  # the locations of the last call, and their factors
 
     @classmethod
     def of(cls, area: AreaConfig, level_m: float) -> Banks | None:

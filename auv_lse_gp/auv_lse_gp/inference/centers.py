@@ -81,7 +81,7 @@ class Centers:
 
 
 def _joined_effects(first: Centers, second: Centers) -> Array | None:
-    """Location effects of both; missing modes are zero."""
+    """Position effects of both; missing modes are zero."""
     a, b = first.position_effect_m, second.position_effect_m
     if a is None and b is None:
         return None

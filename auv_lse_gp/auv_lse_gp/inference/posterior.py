@@ -12,7 +12,7 @@ With K = k(X, X) + noise (RW2006: Rasmussen and Williams, Gaussian Processes for
 
 Uncertain positions: the positions of all centers have common errors in r modes. One standard deviation of a mode
 changes the centers' depths by a column of E (n, r) (`Centers.position_effect_m`), and thus the mean at p by -w(p)^T
-L^-1 E. Every variance therefore includes the *location variance* |w(p)^T L^-1 E|^2, a floor that planned measurements
+L^-1 E. Every variance therefore includes the *position variance* |w(p)^T L^-1 E|^2, a floor that planned measurements
 do not reduce.
 
 Where a shore is known, all of this concerns relative depths, which lie on the same side of the level as the depths

@@ -1,4 +1,4 @@
-"""How rough the ground is near a location: the factor c^2 on the prior's variance that the soundings there show.
+"""Roughness of the ground near a location: the factor c^2 on the prior's variance, estimated from the soundings there.
 
 Steep ground is rougher than flat ground. The *steepness* t of a location is the mean of 1 and of its expected squared
 slope relative to the prior's, S. With the slope s of the mean above the prior mean, and the share u of the prior's
@@ -39,7 +39,7 @@ LOCAL_WORTH = 3.0
 REACH = 4.0
 #: Largest number of weights that are computed together.
 _WEIGHTS = 2_000_000
-#: Locations are taken as cells of a grid if that has at most this many cells per location.
+#: Locations are treated as cells of a grid if that has at most this many cells per location.
 _SPARSE = 6
 
 
@@ -141,7 +141,7 @@ def variance_scales_in_parts(posterior: Posterior, config: GpConfig, at_m: Array
 
 
 def degrees_of_freedom(posterior: Posterior, config: GpConfig) -> float:
-    """Number of independent errors that the factor of the whole map rests on, the prior's worth included.
+    """Number of independent errors from which the factor of the whole map is estimated, the prior's worth included.
 
     Errors of two centers depend on each other if the centers left out overlap, within twice `LEFT_OUT`: they count as
     one. The prior's worth counts in the same proportion. Infinite without rescaling.

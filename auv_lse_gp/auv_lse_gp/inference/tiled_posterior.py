@@ -25,7 +25,7 @@ Corner = tuple[int, int]
 
 #: Distance from a tile up to which centers count, in kernel lengths (of a Wendland kernel: supports).
 MARGIN = {"matern52": 3.75, "squared_exponential": 10.0, "wendland_c2": 1.25}
-#: Shift of centers (kernel lengths) relative to their neighbors' mean that leaves the slopes at centers as they are.
+#: Shift of centers (kernel lengths) relative to their neighbors' mean up to which slopes at centers are kept.
 SLOPES_MOVED = 0.05
 #: Locations (kernel lengths) that differ by less are the same.
 _ROUNDING = 1e-9
@@ -34,13 +34,13 @@ ROUGH_SHARE = 0.5
 #: Number of the last tiles whose rough posteriors are kept: those near the vehicle and near its mates' last samples.
 KEPT_TILES = 40
 #: Slopes of a tile are recomputed when it has new centers, or when this many centers within this share of the margin
-#: have come or changed.
+#: are new or have changed.
 SLOPES_CHANGED, SLOPES_SHARE = 4, 1.0 / 3.0
 #: Centers within this share of the margin count as close to a tile.
 CLOSE_SHARE = 0.25
 #: Tiles on each side of the squares in which many planned locations are taken together.
 PLANNED_TILES = 2
-#: Operations of finding a tile's data, in functions (`inference/work.py`), however few they are.
+#: Operations (`inference/work.py`) charged for finding a tile's data, however few the data.
 DATA = 8000.0
 #: A tile is recomputed if the position effect of a center near it has changed by this share of the largest.
 EFFECT_SHARE = 0.02
@@ -134,9 +134,9 @@ class TiledPosterior:
         self._centers = NO_CENTERS
         self._locations = _Locations(np.zeros((0, 2)))
         self._effect_std_m: Array | None = None
-        self._kept: dict[Corner, Posterior] = {}  # the one used last comes last
+        self._kept: dict[Corner, Posterior] = {}  # the last used comes last
         self._slopes: dict[Corner, tuple[_Near, Array]] = {}
-        self._sloped: Array | None = None  # the centers of the last slopes: home, drift, depth, noise, slope (n, 8)
+        self._slope_rows: Array | None = None  # the centers of the last slopes: home, drift, depth, noise, slope (n, 8)
         self._drift = np.zeros((0, 2))  # how far the first centers were shifted since `forget`
 
     @property
@@ -154,7 +154,7 @@ class TiledPosterior:
         """Forgets slopes, shifts and posteriors, so that the next results depend on the data alone."""
         self._kept.clear()
         self._slopes.clear()
-        self._sloped = None
+        self._slope_rows = None
         self._drift = np.zeros((0, 2))
 
     def shift(self, by_m: Array) -> None:
@@ -282,12 +282,12 @@ class TiledPosterior:
             if known is None or not data.same_slopes(known[0]):
                 known = self._slopes[tile] = data, self._rough(tile).slopes(c.locations_m[members])
             rows[members, 6:] = known[1]
-        self._sloped = rows
+        self._slope_rows = rows
         return rows[:, 6:].copy()
 
     def _tiles_to_check(self, rows: Array) -> list[Corner]:
         """The tiles near which centers differ from those of the last slopes, which are written into `rows` (n, 8)."""
-        old = self._sloped if self._sloped is not None else rows[:0]
+        old = self._slope_rows if self._slope_rows is not None else rows[:0]
         common = min(len(old), len(rows))
         rows[:common, 6:] = old[:common, 6:]
         apart = np.abs(rows[:common, :6] - old[:common, :6]).max(axis=1, initial=0.0) > _ROUNDING
@@ -305,7 +305,7 @@ class TiledPosterior:
 
 @dataclass(slots=True)
 class _Tile:
-    """Results of a tile: mean, variance and location variance at its locations.
+    """Results of a tile: mean, variance and position variance at its locations.
 
     Attributes:
         turn: Number of the update that computed them.

@@ -15,7 +15,7 @@ Work = Generator[float, None, T]
 
 #: Operations of one covariance, or of another exponential, sine or cosine.
 FUNCTION = 250.0
-#: Operations of a part, at most about: 15 ms on a core of 2024. What is longer is split.
+#: Approximate limit of a part's operations: 15 ms on a core of 2024. Longer steps are split.
 PART = 3e8
 
 
@@ -45,7 +45,7 @@ class Job(Generic[T]):
         """Does parts until they take this many operations; returns whether the computation is done.
 
         Raises:
-            Exception: what the computation raises; it is over then.
+            Exception: any error of the computation, which then is over.
         """
         end = self.operations + operations
         while self.operations < end:

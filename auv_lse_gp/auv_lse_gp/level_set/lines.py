@@ -1,4 +1,4 @@
-"""Isobaths as lines of locations: drawn on a map, resampled, and what lies near them."""
+"""Isobaths as lines of locations: contours of a map, resampling, and locations near lines."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ POINT_SPACING_M = 2.0
 #: A location of the true isobath counts as found if the estimate passes within this distance (m).
 FOUND_WITHIN_M = 10.0
 
-#: Number of cells beyond the area's border through which contours go on.
+#: Number of cells beyond the area's border through which contours continue.
 BEYOND_CELLS = 2
 
 
@@ -42,7 +42,7 @@ def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[
 def contours(north_m: Array, east_m: Array, values: Array, level: float, informed: Mask) -> list[Array]:
     """Contour lines of a map; closed ones repeat their start.
 
-    Beside informed ground they go on through `BEYOND_CELLS` cells beyond the area's border: on a steep bank all of the
+    Beside informed ground they continue for `BEYOND_CELLS` cells beyond the area's border: on a steep bank all of the
     isobath may lie between the last cell's center and the shore.
 
     Args:
@@ -70,8 +70,8 @@ def beyond_border(values: Array, cells: int, informed: Mask | None = None) -> Ar
 
     Args:
         values: Values of the cells; NaN outside the area.
-        cells: How far they go on.
-        informed: Cells from which they go on (R, C); None: all.
+        cells: Number of cells to extrapolate.
+        informed: Cells to extrapolate from (R, C); None: all.
     """
     outside = np.isnan(values)
     used = np.ones_like(outside) if informed is None else outside | informed

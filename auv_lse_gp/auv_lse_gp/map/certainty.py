@@ -15,7 +15,7 @@ prior, not from the lake. Where it could be anywhere, it is left out. The class 
   scale. Without it a steep prior mean, as of a chart, would find isobaths by itself.
 - *Length.* A stretch shorter than `MIN_LENGTH_M` has no higher class than its neighbors.
 
-What is not found has a reason: `NOT_VISITED`, `POSITIONS_UNCERTAIN`, or `FLAT`.
+A piece that is not found has a reason: `NOT_VISITED`, `POSITIONS_UNCERTAIN`, or `FLAT`.
 """
 
 import itertools
@@ -50,8 +50,8 @@ MIN_LENGTH_M = 15.0
 #: there is uncertain by half of it.
 BEYOND_STD = 0.5
 
-#: Least slope, as a share of the mean's, by which a line beyond the soundings is judged: what would be found on the
-#: mean's own slope is at least likely.
+#: Least slope, as a share of the mean's, by which a line beyond the soundings is judged. So a line that would be found
+#: with the mean's slope is at least likely.
 LEAST_SLOPE = MAX_STD_M[FOUND] / MAX_STD_M[LIKELY]
 
 #: Spacing (m) of the locations along a line at which its class is computed.
@@ -120,7 +120,7 @@ def classify(
         lines: The isobath: lines, each of shape (n, 2): north, east (m).
         signal_std_m: Standard deviation of the depth of open ground before the first sounding, `gp.signal_std_m`.
         soundings: Where soundings were taken: north, east, position error per axis (m; NaN: unknown), shape (S, 3).
-        shore_known: Whether the map knows the shore (`area.shore`).
+        shore_known: Whether the mission file has the shore (`area.shore`).
     """
     dense = [_densified(line) for line in lines]
     if not dense:
@@ -136,7 +136,7 @@ def classify(
         for start, stop in zip([0, *edges], [*edges, len(locations)], strict=True):
             if ranks[start] == len(CLASSES):
                 continue
-            stretch = slice(start, min(stop + 1, len(locations)))  # to the first place of the next: no gaps
+            stretch = slice(start, min(stop + 1, len(locations)))  # to the next stretch's first location: no gaps
             kind = CLASSES[ranks[start]]
             pieces.append(
                 Piece(
@@ -190,7 +190,7 @@ def evidence(
     known, std, prior_std = (
         np.pad(values, margin, constant_values=np.nan) for values in (field.mean_m, field.std_m, field.prior_std_m)
     )
-    # beyond the border, where lines go on, the ground has its slope, and the uncertainty does not shrink
+    # beyond the border, where lines continue, the ground keeps its slope, and the uncertainty does not shrink
     mean = _filled(beyond_border(known, margin))
     std = np.maximum(_filled(std), _filled(beyond_border(std, margin)))
     northward, eastward = np.gradient(mean, grid.resolution_m, axis=0), np.gradient(mean, grid.resolution_m, axis=1)

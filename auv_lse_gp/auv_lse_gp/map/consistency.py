@@ -1,4 +1,4 @@
-"""Weighs down samples that contradict the map and each other.
+"""Down-weights samples that contradict the map and each other.
 
 A sample may lie within the gate of an uncertain map and still contradict the samples around it. Each packet, and then
 each sample, is compared with its prediction from the map and all the others. While any of them exceeds the gate, the
@@ -49,12 +49,12 @@ def noise_of_samples(
             factor = cho_factor(covariance_m2 + np.diag(noise_m2), lower=True)
             precision = cho_solve(factor, np.eye(len(residuals_m)))
             errors, stds = _residuals(precision, precision @ residuals_m, units)
-            off = np.where(noise_m2 == noise_std_m**2, np.abs(errors) / stds, 0.0)  # not those weighed down already
+            off = np.where(noise_m2 == noise_std_m**2, np.abs(errors) / stds, 0.0)  # not those already down-weighted
             worst = int(np.argmax(off))
             if off[worst] <= sigmas:
                 break
             unit = next(unit for unit in units if worst in unit)
-            # one error among many small ones may not lower the noise; a little more marks it as weighed down
+            # one error among many small ones must not lower the noise; a little more marks it as down-weighted
             noise_m2[unit] = max(np.mean(errors[unit] ** 2), 1.000001 * noise_std_m**2)
     return np.asarray(np.sqrt(noise_m2))
 

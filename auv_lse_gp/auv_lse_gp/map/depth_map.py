@@ -31,7 +31,7 @@ BAND_PROBABILITY = 0.95
 BAND_SIGMAS = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
 #: Number of cells beyond which a map is published less often.
 MANY_CELLS = 50_000
-#: Least share of the variance of open ground that data have removed where contours go on beyond the border, and below a
+#: Least share of the variance of open ground that data have removed where contours pass the border, and below a
 #: likely piece of the isobath.
 INFORMED = 0.5
 #: Number of multiplications for the tiles of `DepthMap.recent_field`: about a second.
@@ -108,7 +108,7 @@ class TeamSamples:
 
     Attributes:
         heard: Samples received.
-        outliers: Samples that did not fit the map, or were weighed down because they contradict others.
+        outliers: Samples that did not fit the map, or were down-weighted because they contradict others.
         kept: Samples that became centers.
     """
 
@@ -186,7 +186,7 @@ class DepthMap:
     def add_samples(self, samples: ArrayLike, source: int, packets: Ints | None = None) -> list[Outcome | None]:
         """Adds the samples of a packet from vehicle `source`, in the order given.
 
-        Those that contradict the map or each other are weighed down (`consistency.py`).
+        Those that contradict the map or each other are down-weighted (`consistency.py`).
 
         Samples must fit this vehicle's map (`gp.team_outlier_sigmas`). They become at most half of `gp.max_centers`.
 

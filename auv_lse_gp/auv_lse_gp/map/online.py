@@ -127,7 +127,7 @@ class OnlineGp:
     ) -> tuple[list[Outcome | None], Mask]:
         """Adds the soundings that fit the current map, as `add_all`; the others are outliers.
 
-        Those that fit the map but contradict each other are weighed down (`consistency.py`).
+        Those that fit the map but contradict each other are down-weighted (`consistency.py`).
 
         Args:
             soundings: North, east, depth (m), shape (n, 3).
@@ -136,7 +136,7 @@ class OnlineGp:
             packets: Number of each sounding's packet (n,), in order; None: they are of one packet.
 
         Returns:
-            The outcome of each, None if it was rejected; and a mask (n,) of those that fit and were not weighed down.
+            The outcome of each, None if it was rejected; and a mask (n,) of those that fit and were not down-weighted.
         """
         fit = np.ones(len(soundings), dtype=bool)
         noise = np.full(len(soundings), self.config.noise_std_m)
@@ -198,7 +198,7 @@ class OnlineGp:
         return outcomes
 
     def shift(self, by_m: Array) -> None:
-        """Moves each center by (n, 2), with what was merged into it; the soundings are not compared with the map again.
+        """Moves each center and its merged soundings by (n, 2); the soundings are not compared with the map again.
 
         Raises:
             ValueError: for another number of centers.

@@ -1,4 +1,4 @@
-"""The quality of a vehicle's map, as `mission.until` asks for it: share found, length undiscovered, deviation."""
+"""The quality of a vehicle's map, in the terms of `mission.until`: share found, length undiscovered, deviation."""
 
 import dataclasses
 import importlib
@@ -69,7 +69,7 @@ class QualityJudge:
     def judge(self, centers: Centers) -> Quality:
         """The quality of the map of these centers.
 
-        Where positions are corrected, its location variance (`Posterior.position_variance`) counts as the vehicles'
+        Where positions are corrected, its position variance (`Posterior.position_variance`) counts as the vehicles'
         error.
 
         Raises:
@@ -134,7 +134,7 @@ def lanes_share(config: GpConfig, apart_m: float, leg_m: float) -> float:
 
     Args:
         apart_m: Distance between the lanes.
-        leg_m: Distance between two soundings on a lane; half of it is enough for any kernel as long as it.
+        leg_m: Length of a leg; soundings half a leg apart on a lane suffice for length scales of a leg or more.
     """
     prior = dataclasses.replace(config, kernel=KERNEL)
     lanes = Posterior(prior)

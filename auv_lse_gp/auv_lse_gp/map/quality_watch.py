@@ -35,7 +35,7 @@ class QualityWatch:
     """Judges a map again and again.
 
     Attributes:
-        quality: Of the map judged last.
+        quality: Quality of the map at the last judgement.
     """
 
     def __init__(self, gp: GpConfig, level_set: LevelSetConfig, area: OperatingArea, asked: UntilConfig) -> None:

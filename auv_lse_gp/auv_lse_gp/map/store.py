@@ -1,7 +1,7 @@
 """The kernel centers of a map: one table, in which soundings are kept, merged and moved.
 
 A sounding becomes a center, a row of the table, if it is at least the minimum spacing away from the first sounding of
-every center. Otherwise it is merged into the nearest center if that is one of the last, and not better.
+every center. Otherwise it is merged into the nearest center if that is one of the last, and not less noisy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_MERGED = 256
 #: Number of last centers that merging may change. Otherwise crossing an old track would recompute the factor and the
 #: map (seconds at 2000 centers).
 MERGE_WINDOW = 32
-#: Soundings that are Python's numbers at a time.
+#: Number of soundings that are converted to Python numbers at a time.
 _AT_A_TIME = 10_000
 
 
@@ -50,7 +50,7 @@ class CenterStore:
         # north and east of the first sounding; then those of the measurement, its depth and noise
         self._table = GrowingRows(6)
         self._merges: dict[int, _Merged] = {}  # of the last centers
-        self._changed: set[int] = set()  # those whose rows lack merged soundings
+        self._changed: set[int] = set()  # centers whose rows lack merged soundings
         self._position_effect_m: Array | None = None
         # The least noise with which centers can be factorized wherever they are: rounding errors are below about n^2
         # eps times the largest variance (Higham 2002, theorems 10.3 and 10.7), and merging adds at most 4 k(p, p).
@@ -105,7 +105,7 @@ class CenterStore:
         return outcomes
 
     def shift(self, by_m: Array) -> None:
-        """Moves each center by (n, 2), with what was merged into it."""
+        """Moves each center and its merged soundings by (n, 2)."""
         rows = self._table.rows
         rows[:, 2:4] = self.centers.locations_m + by_m
         rows[:, :2] += by_m

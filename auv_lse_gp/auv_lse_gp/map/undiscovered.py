@@ -37,7 +37,7 @@ from auv_lse_gp.level_set.crossings import crossing_intensity
 KERNEL = "matern52"
 FACTORS = tuple(2.0 ** (k / 6.0) for k in range(-12, 9))
 #: Number of soundings that `gp.signal_std_m` counts as in the weights of hypotheses. Soundings along tracks hardly tell
-#: a long, rough scale from a short, smooth one: a surer standard deviation would decide, and could be wrong.
+#: a long, rough scale from a short, smooth one: a larger number would decide between them, perhaps wrongly.
 STD_WORTH = 1.0
 #: Every n-th length scale is tried first.
 COARSE = 3
@@ -47,10 +47,10 @@ LEAST_WEIGHT = 0.01
 MAX_CENTERS = 1200
 #: Least expected length per area (m per m2) of ground that is listed: 1 m in a cell of 10 m.
 LEAST_DENSITY = 0.01
-#: Cells whose expected depth is more standard deviations off the level are neither in the expected length nor drawn: of
-#: a normal distribution 1e-15 is that far off, and of the draws, whose standard deviations vary, far less than one.
+#: Cells whose expected depth is more standard deviations off the level are neither in the expected length nor drawn: a
+#: normal depth is so far off with probability 1e-15, and far less than one draw, although their deviations vary.
 NEAR_STD = 8.0
-#: Largest number of cells, or a few more.
+#: Approximate largest number of cells.
 MAX_CELLS = 5000
 #: An area more than this many times as long as wide is a channel.
 LONG = 4.0
@@ -231,8 +231,8 @@ def undiscovered_in_parts(
 def along_channel_m(cells: Array, cell_m: float, lengths: Array, is_located: Mask) -> float:
     """Length (m) of an isobath along both sides of a long, narrow area, where it is not located; 0 in other areas.
 
-    Across the area, one slice of cells after the other has two sides. A side counts if none of its cells is located,
-    and the expected length in it is more than 5 % of that of a line along it.
+    Each slice of cells across the area has two sides. A side counts if none of its cells is located, and the expected
+    length in it is more than 5 % of that of a line along it.
 
     Args:
         cells: The area's cells (P, 2).
@@ -334,7 +334,7 @@ def _waves(rng: np.random.Generator) -> tuple[Array, Array]:
     """Wave vectors (W, 2) per scaled distance, and the share of the variance of each (W,).
 
     The spectrum of a Matern 5/2 kernel in the plane is a t distribution with 5 degrees of freedom, so |k|^2 =
-    5 (u^(-2/5) - 1) for a uniform u. What lies between tracks is made of rare short waves: they are drawn more often,
+    5 (u^(-2/5) - 1) for a uniform u. Ground between tracks depends on rare short waves: they are drawn more often,
     u = v^3, each with less variance.
     """
     v = (np.arange(WAVES) + rng.random(WAVES)) / WAVES

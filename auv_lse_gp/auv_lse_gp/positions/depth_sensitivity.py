@@ -1,4 +1,4 @@
-"""How the expected depths of a map's centers depend on the unknowns of the position errors.
+"""Sensitivity of the expected depths of a map's centers to the unknowns of the position errors.
 
 The sensitivity of center i is g_i' A_i: the slope g_i of the ground, and the derivatives A_i of its position with
 respect to the unknowns of its vehicle. A map in tiles keeps sensitivities from one correction to the next: only those

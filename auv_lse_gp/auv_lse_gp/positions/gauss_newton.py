@@ -117,7 +117,7 @@ def solve(
 
 
 def _elimination(model: TeamErrorModel, fixes: Fixes, ranges: Ranges) -> Elimination | None:
-    """How a large team's unknowns are eliminated; None: all are solved for together."""
+    """The elimination of a large team's unknowns; None: all are solved for together."""
     return Elimination.of(model, fixes, ranges) if model.size > MANY_UNKNOWNS else None
 
 

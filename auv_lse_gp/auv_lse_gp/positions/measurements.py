@@ -22,9 +22,9 @@ _MIN_GATE = 2.0
 RANGE_SIGMAS, FIX_SIGMAS = 8.0, 30.0
 #: Shorter ranges (m) are not used: position errors dominate their direction, and the depth difference matters.
 NEAREST_M = 20.0
-#: Ranges sent or received more than this time (s) before or after what is known of a vehicle's track are rejected; a
+#: Ranges sent or received more than this time (s) before or after the known part of a vehicle's track are rejected; a
 #: packet may come before the next dead-reckoned position, one second later.
-BESIDE_TRACK_S = 2.0
+TRACK_MARGIN_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,7 +162,7 @@ class Ranges:
         """Whether both vehicles' tracks are known at the time; without one, they would seem to have stopped."""
         ends = ((row.sender, row.sent_s), (row.receiver, row.arrived_s))
         tracks = [(self._model.vehicles[number].track, stamp_s) for number, stamp_s in ends]
-        return all(t.start_s - BESIDE_TRACK_S <= stamp_s <= t.end_s + BESIDE_TRACK_S for t, stamp_s in tracks)
+        return all(t.start_s - TRACK_MARGIN_S <= stamp_s <= t.end_s + TRACK_MARGIN_S for t, stamp_s in tracks)
 
     def residuals(self, theta: Array) -> Array:
         """As `Fixes.residuals`, ordered by pairs."""
@@ -250,7 +250,7 @@ class _RangesTogether:
         distance = _distance(apart, self._deeper_m)
         toward = (1.0 + theta[self._sound]) * apart / np.maximum(distance, 1e-9)[:, None]
         row = np.arange(len(distance))
-        out = np.zeros((len(distance), self._size + 2))  # the last two columns take what has no unknown
+        out = np.zeros((len(distance), self._size + 2))  # the last two columns collect derivatives without an unknown
         out[row[:, None], self._sent.unknowns] += self._sent.derivatives_along(theta, toward)
         out[row[:, None], self._arrived.unknowns] -= self._arrived.derivatives_along(theta, toward)
         out[row, self._sound] = distance

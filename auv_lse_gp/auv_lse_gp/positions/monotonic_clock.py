@@ -19,7 +19,7 @@ class MonotonicClock:
         self.set_back_s = 0.0
         self._last_s = -math.inf  # time of the last dead-reckoned position
         self._step_s = 0.0  # between the last two
-        self._odd_s = math.nan  # stamp of a dead-reckoned position that came too early, or is too far ahead
+        self._suspect_s = math.nan  # stamp of a dead-reckoned position that came too early, or is too far ahead
 
     def monotonic_s(self, stamp_s: float) -> float:
         """The monotonic time (s) of a stamp."""
@@ -33,13 +33,13 @@ class MonotonicClock:
         time_s = self.monotonic_s(stamp_s)
         is_early, is_ahead = time_s < self._last_s - SET_BACK_S, self._last_s + SET_AHEAD_S < time_s
         if is_early or (is_ahead and math.isfinite(self._last_s)):
-            was_set = self._odd_s < stamp_s <= self._odd_s + SET_AHEAD_S
-            self._odd_s = stamp_s
+            was_set = self._suspect_s < stamp_s <= self._suspect_s + SET_AHEAD_S
+            self._suspect_s = stamp_s
             if not was_set:
                 return time_s if is_early else math.nan
             self.set_back_s += self._last_s + self._step_s - time_s
             time_s = self.monotonic_s(stamp_s)
         if time_s > self._last_s:
             self._step_s = time_s - self._last_s if math.isfinite(self._last_s) else 0.0
-            self._last_s, self._odd_s = time_s, math.nan
+            self._last_s, self._suspect_s = time_s, math.nan
         return time_s

@@ -175,7 +175,7 @@ class PositionSmoother:
     def _timed(self, mate: MateNavigation) -> MateNavigation:
         """The navigation with its time of sending; without a usable one, that of reception, and then without a range.
 
-        Tracks go on in time also where the clock of this vehicle was set back.
+        Tracks continue in time even where the clock of this vehicle was set back.
         """
         arrived_s = self.clock.monotonic_s(mate.stamp_s)
         if abs(mate.sent_s - arrived_s) <= CLOCKS_APART_S:
@@ -317,7 +317,7 @@ def _reachable(mate: MateNavigation, sent_s: float, before: Array) -> bool:
 def thinned(rows: Sequence[RangeMeasurement], most: int) -> list[RangeMeasurement]:
     """At most `most` rows, with an equal share for each sender, in their order.
 
-    Of a sender's oldest rows every second, fourth... is left out: with each further row, only one more.
+    A sender's rows are halved while there are too many, at last the oldest alone: each further row drops only one.
     """
     senders = {row.sender for row in rows}
     kept: set[int] = set()

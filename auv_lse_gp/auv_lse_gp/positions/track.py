@@ -22,7 +22,7 @@ DETOUR, DETOUR_M = 1.1, 2.0
 #: Usual distance (m) of a sample from the track, and number of segments whose distance from it is bounded together.
 USUAL_M, BOXED = 2.0, 16
 #: Columns of a node: time, raw north and east, sums with sin and cos (north, east each), distance covered.
-_TIME, _RAW, _SIN, _COS, _GONE = 0, slice(1, 3), slice(3, 5), slice(5, 7), 7
+_TIME, _RAW, _SIN, _COS, _DISTANCE = 0, slice(1, 3), slice(3, 5), slice(5, 7), 7
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class Track(abc.ABC):
     def distance_m(self, stamp_s: float) -> float:
         """Distance travelled by dead reckoning until a time (m)."""
         nodes = self.nodes
-        return float(np.interp(stamp_s, nodes[:, _TIME], nodes[:, _GONE])) if len(nodes) else 0.0
+        return float(np.interp(stamp_s, nodes[:, _TIME], nodes[:, _DISTANCE])) if len(nodes) else 0.0
 
     def at(self, stamps_s: Array, raw_m: Array | None = None) -> TrackPoints:
         """Points at times (n,); `raw_m` (n, 2) replaces the interpolated dead-reckoned positions, since it is more
@@ -131,7 +131,7 @@ class OwnTrack(Track):
         s, c = math.sin(heading_rad), math.cos(heading_rad)
         tip = np.array([stamp_s, north_m, east_m, -east * s, north * s, -east * c, north * c, gone])
         tip[3:] += last[3:]
-        is_node = tip[_GONE] - node[_GONE] >= NODE_M or stamp_s - node[_TIME] >= NODE_S
+        is_node = tip[_DISTANCE] - node[_DISTANCE] >= NODE_M or stamp_s - node[_TIME] >= NODE_S
         if self._has_tip:
             last[:] = tip
         else:
@@ -151,7 +151,7 @@ class MateTrack(Track):
     def __init__(self) -> None:
         self._positions = GrowingRows(3)  # time, raw north, east of the transmissions
         self._nodes = GrowingRows(8)
-        self._new: list[Array] = []  # time, raw north, east of what is not in the nodes yet, (n, 3) each
+        self._new: list[Array] = []  # time, raw north, east of points not in the nodes yet, (n, 3) each
 
     @property
     def nodes(self) -> Array:

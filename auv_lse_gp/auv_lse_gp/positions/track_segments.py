@@ -17,8 +17,7 @@ SEGMENT_M = 10.0
 #: Approximate maximum number of segments; longer tracks get longer segments.
 MAX_SEGMENTS = 400
 #: Largest length of a segment (m). Over longer ones, the mean depth is not the depth at the mean position. Of still
-#: longer
-#: tracks, every second, fourth... segment is kept: the ground between them is correlated.
+#: longer tracks, every second, fourth... segment is kept: the ground between them is correlated.
 MAX_SEGMENT_M = 30.0
 
 

@@ -20,7 +20,7 @@ _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)(?:-(?=\d)|[°º d:]*)
 _E7 = re.compile(r"(deg)?\W*1?e-?7")
 PACKED = re.compile(r"d{1,3}mm?\b.*")
 _NEGATIVE = re.compile(r"(°|º|deg|degrees|dd)?[ .]?(s|south|w|west)")
-#: What a unit of degrees, or the name of a geodetic datum, contains.
+#: Parts of the names of units of degrees, and of geodetic datums.
 _DEGREES = re.compile(r"deg|dms|grad\b|°|º|d{2}|wgs|etrs|nad|epsg|gcs|dec|\b(n|s|e|w|north|south|east|west)\b")
 #: Share of the positions that shows what all of them are.
 _MOST = 0.9

@@ -1,4 +1,4 @@
-"""What the names of a table's columns mean: the role of each, and its unit."""
+"""Recognizes a table's columns by name: the role of each, and its unit."""
 
 import re
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ class Column(NamedTuple):
         number: Its number in the table.
         role: A key of `ROLES`.
         unit: The unit that its name or the row of units has; "" without one.
-        rank: The place of its name among those of its role, the best first.
+        rank: Rank of its name among those of its role, the best first.
     """
 
     number: int
@@ -149,7 +149,7 @@ _DATUM = re.compile(
 _PREPOSITION = re.compile(r"[\s_]+in[\s_]+(?=[a-z]+$)")
 #: As in LonW.
 _SIDE_AT_END = re.compile(r"(?<=[a-z])(?=[NSEW]$)")
-#: Which of a sounder's frequencies a depth is of.
+#: The sounder's frequency by which a depth was measured.
 _FREQUENCY = re.compile(r"[(\[\s_]*(?:\d{2,3}[\s_]*khz|(?<![a-z])[hl]f)(?![a-z])[)\]]?")
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: Letters for them, which are also names of their own in orders of a date and a time, as in YYYY,MM,DD,HH,MM,SS.
@@ -159,7 +159,7 @@ _IN_ORDERS = {"y", "m", "mm", "d", "dd", "h", "s"}
 
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
-    """What a column's name means; None if it is not used."""
+    """The column that a name means; None if it is not used."""
     text = _SIDE_AT_END.sub(" ", HEADER_ZONE_NAME.sub("", name.strip().strip("\"'")))
     text = _PREPOSITION.sub(" ", HEADER_ZONE.sub("utc", _FREQUENCY.sub("", text.lower())))
     if match := _BRACKETS.search(text):

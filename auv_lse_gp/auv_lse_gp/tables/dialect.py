@@ -1,4 +1,4 @@
-"""How a table is written: its delimiter, decimal sign, comments, header and units."""
+"""The dialect of a table: its delimiter, decimal sign, comments, header and units."""
 
 import csv
 import io
@@ -49,7 +49,7 @@ LONGEST = 20_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """How a table is written.
+    """The dialect of a table.
 
     Attributes:
         delimiter: Sign between fields; " " stands for any blanks.
@@ -76,7 +76,7 @@ def lines_of(text: str) -> Iterator[str]:
     """The lines that may hold values."""
     lines = io.StringIO(text, newline=None)
     while piece := list(itertools.islice(lines, _ROWS)):
-        # a quoted field that goes on in the next line stays one cell
+        # a quoted field that continues in the next line stays one cell
         yield from [
             line.rstrip("\n") for line in piece if (line[0].isdigit() or may_hold_values(line)) and len(line) <= LONGEST
         ]
@@ -123,12 +123,12 @@ def dialect_of(text: str) -> Dialect | None:
 
 
 def _values_in(cells: list[str]) -> int:
-    """How many cells are numbers, angles, dates or times."""
+    """Number of cells that are numbers, angles, dates or times."""
     return sum(1 for cell in cells if _MARK.match(cell) or is_number(cell) or _OF_WORDS.fullmatch(cell))
 
 
 def _score(rows: list[list[str]]) -> float:
-    """How much a table's rows look like columns of numbers, dates and times."""
+    """Score of a table's rows as columns of numbers, dates and times; the highest is the best."""
     widths = Counter(len(row) for row in rows)
     width = max((w for w in widths if w > 1), key=lambda w: widths[w], default=0)
     if width < 2:
@@ -221,7 +221,7 @@ def columns_of(
         piece: list[list[str]] = []
         try:
             piece.extend(itertools.islice(rows, _ROWS))
-        except csv.Error as error:  # a quote that is not closed: what it takes in is lost
+        except csv.Error as error:  # a quote that is not closed: the lines within it are lost
             if whole:
                 raise TableError(f"{whole}: {error}. Check its quotes") from error
             if not piece:
@@ -258,7 +258,7 @@ def long_lines(text: str) -> list[int]:
 
 
 def open_quote(text: str) -> int:
-    """Number of the first line with a quote that goes on in the next line; 1 without one."""
+    """Number of the first line with a quote that continues in the next line; 1 without one."""
     return next((number for number, line in enumerate(io.StringIO(text, newline=None), 1) if line.count('"') % 2), 1)
 
 

@@ -36,12 +36,12 @@ TIME_UNITS = {
 ANGLE_UNITS = {
     "rad": 57.29577951308232, "radians": 57.29577951308232, "gon": 0.9, "gons": 0.9, "gradian": 0.9, "gradians": 0.9,
 }  # fmt: skip
-#: What else stands where a unit is expected.
+#: Other texts where a unit is expected.
 OTHER_UNITS = ("deg", "degrees", "grad", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent",
                "wgs84", "e7", "dege7", "ddmm", "dddmm")  # fmt: skip
-#: Names, without blanks and signs, of what states the unit of a depth beside it.
+#: Names, without blanks and signs, of columns and attributes that state the unit of the depth beside them.
 UNIT_NAMES = ("depthunit", "depthunits", "depthuom", "unit", "units", "uom")
-#: What stands there if no unit is stated.
+#: Texts there that state no unit.
 _NONE_STATED = ("", "n/a", "na", "nan", "none", "null")
 #: A number that is no part of a name, such as that of "ft/10".
 _FREE_NUMBER = re.compile(r"(?<![a-z\d])\d")

@@ -68,7 +68,7 @@ class WholeTable:
         values = read_values(self.path, self.text, self.dialect, columns, has_unit, is_whole=True)
         if len(values[roles[0]]) != self.count:
             number = open_quote(self.text)
-            raise TableError(f"{self.path}:{number}: a quoted cell goes on in the next line. Remove the quotes")
+            raise TableError(f"{self.path}:{number}: a quoted cell continues in the next line. Remove the quotes")
         for role in roles:
             if role in _SIDES:
                 sides = np.char.upper(np.char.strip(values[role]).astype("U1"))
@@ -157,7 +157,7 @@ def whole_table(path: Path) -> WholeTable:
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
         if len(line) > LONGEST:
             raise TableError(
-                f"{path}:{number}: {line[:60]!r}... cannot be read as a row: it has more than {LONGEST:,} letters. "
+                f"{path}:{number}: {line[:60]!r}... cannot be read as a row: it has more than {LONGEST:,} characters. "
                 "Check the line"
             )
         if line[0].isdigit() or may_hold_values(line):

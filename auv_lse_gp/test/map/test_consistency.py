@@ -1,4 +1,4 @@
-"""Samples that contradict the map and each other are weighed down; honest ones are not."""
+"""Samples that contradict the map and each other are down-weighted; honest ones are not."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def test_a_field_of_200_kB_is_refused(tmp_path: Path, separator: str) -> None:
     file = tmp_path / "s.csv"
     file.write_text(f"east_m{separator}north_m{separator}depth_m\n1{separator}2{separator}{'3' * 200_000}\n")
     with pytest.raises(
-        TableError, match=r"s\.csv:2: '1.{1,2}2.{1,2}333.* cannot be read as a row: it has more than 20,000 letters"
+        TableError, match=r"s\.csv:2: '1.{1,2}2.{1,2}333.* cannot be read as a row: it has more than 20,000 characters"
     ):
         read_soundings(file)
     file.write_text(f"east_m{separator}{'x' * 200_000}\n1{separator}2\n")
