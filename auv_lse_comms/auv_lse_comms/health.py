@@ -7,7 +7,7 @@ from auv_lse_comms.bridge import ModemBridge
 
 
 def bridge_problems(bridge: ModemBridge, now_s: float) -> dict[str, str]:
-    """Problems that an operator should know of: texts by key."""
+    """Problems for the operator: texts by key."""
     found = bridge.quality.problems(now_s)
     if bridge.unconfirmed:
         found["unconfirmed"] = (

@@ -52,11 +52,10 @@ class LinkQuality:
         self._address = address
         self._own_number_s = -math.inf
         self._late_s: dict[int, deque[float]] = {}
-        # by sender, and whether in its slots or overall: packets that it may still send, and when (s) that applied
+        # by sender, and whether in its slots or overall: packets that it may still send, and when (s) that was counted
         self._allowed: dict[tuple[int, bool], tuple[float, float]] = {}
-        self._candidates: dict[
-            int, tuple[int, int]
-        ] = {}  # by sender: a slot, and packets in it beyond the sender's slots
+        # by sender: a slot, and packets in it beyond the sender's slots
+        self._candidates: dict[int, tuple[int, int]] = {}
         self._heard_s: dict[int, float] = {}  # when a sender was last heard
         self._excess_s: dict[int, float] = {}  # when a sender last sent too many
         # by reason and sender: when a packet was last refused, and by how much clocks seemed to be off (s)
@@ -64,11 +63,11 @@ class LinkQuality:
         self._foreign_s: dict[int, deque[float]] = {}  # by sender: when its last packets outside its slots arrived
 
     def note_own_number(self, now_s: float) -> None:
-        """Another modem with this vehicle's number was heard."""
+        """Records that another modem with this vehicle's number was heard."""
         self._own_number_s = now_s
 
     def note_refusal(self, now_s: float, reason: str, source: int, clock_s: float = math.nan) -> None:
-        """A packet was refused for a reason of `packet.codec.REASONS`; clocks seem to be off by `clock_s` (s)."""
+        """Records a packet refused for a reason of `packet.codec.REASONS`; clocks seem to be off by `clock_s` (s)."""
         if reason in _REFUSALS and len(self._refused_s) < _MAX_REFUSALS:
             self._refused_s[reason, source] = now_s, clock_s
 
@@ -89,7 +88,7 @@ class LinkQuality:
         return False
 
     def accept_candidate(self, stamp_s: float, source: int) -> bool:
-        """Whether a packet that is too many may be one of several in its sender's slot.
+        """Whether an excess packet may be one of several candidates in its sender's slot.
 
         A forged packet that comes first must not shut out the true one. Accepts as many as a modem can send in a slot.
         """
@@ -118,7 +117,7 @@ class LinkQuality:
         return start_s, on_air_s <= stamp_s - start_s <= latest_s
 
     def problems(self, now_s: float) -> dict[str, str]:
-        """Problems that an operator should know of: texts by key."""
+        """Problems for the operator: texts by key."""
         found = {}
         tdma = self._tdma.settings(now_s)
         reported_s = REPORTED_CYCLES * tdma.slot_s * len(tdma.order)
@@ -158,7 +157,7 @@ class LinkQuality:
         return len(recent) == RECENT and recent[0] > since_s
 
     def _lateness_s(self, stamp_s: float, source: int) -> float:
-        """How much later (s) than its sender's nearest slot allows a packet arrived; negative: earlier; 0: in time."""
+        """Delay (s) of a packet beyond what its sender's nearest slot allows; negative: early; 0: in time."""
         tdma = self._tdma.settings(stamp_s)
         latest_s = tdma.guard_s + tdma.send_duration_s + tdma.travel_s + LATE_HOST_S
         cycle_s = tdma.slot_s * len(tdma.order)

@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _config(options: argparse.Namespace) -> ModemConfig:
-    """Section `modem` of the mission file, and what the command line replaces in it."""
+    """Section `modem` of the mission file, with the values of the command line."""
     values = {}
     if options.mission is not None:
         own = parameters_for(read_parameter_file(options.mission), f"/auv{options.vehicle}/micromodem_node")

@@ -133,7 +133,7 @@ def bridge_of(
 
 
 def _pace(parameters: Mapping[str, Any], where: str) -> Pace:
-    """What this vehicle can do; mates are assumed to be alike."""
+    """This vehicle's pace; mates are assumed to have the same."""
     motion = section(MotionConfig, parameters, "motion", where)
     vehicle = section(VehicleConfig, parameters, "vehicle", where)
     leg_s = motion.turn_radius_m * math.radians(motion.theta_max_deg) / vehicle.speed_mps

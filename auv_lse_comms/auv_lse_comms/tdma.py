@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 
-#: Where the slot of a packet is searched, to tell wrong clocks and old packets from forged ones: cycles before and
+#: Range in which a packet's slot is searched, to tell wrong clocks and old packets from forged ones: cycles before and
 #: after its arrival, and hours, by which time zones differ.
 _STALE_CYCLES, _STALE_HOURS = 100, 14
 #: Identifies a slot: its index and since_s.

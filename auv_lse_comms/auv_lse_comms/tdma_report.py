@@ -1,4 +1,4 @@
-"""What the acoustic bridge reports of its schedule."""
+"""The acoustic bridge's report of its schedule."""
 
 from auv_lse_common.topics.records import TdmaReport
 from auv_lse_comms.bridge import ModemBridge

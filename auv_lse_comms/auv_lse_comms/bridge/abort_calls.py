@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 
 class AbortCalls:
-    """Which calls to abort a vehicle obeys.
+    """Decides which calls to abort a vehicle obeys.
 
     A mate calls until its own RESET. Its call is obeyed until this vehicle has aborted, and not again after a RESET of
     this vehicle: only a packet without the call makes the next one a new call. A mate's first packet after that RESET

@@ -1,4 +1,4 @@
-"""Plausibility check of packets without a tag: whether a mate can have sent them after its earlier packets.
+"""Checks whether packets without a tag can come from a mate, given its earlier packets.
 
 Anybody can send in a mate's name. But a vehicle moves steadily, so its packets follow one another: from one to the
 next it covers no more ground and no more steps than time allows, and its samples lie along its track.
@@ -28,17 +28,17 @@ FASTER = 2.0
 RAW_SPREAD_M, SPREAD_M = 30.0, 60.0
 #: Steps by which a plan may jump ahead, beside those of a surfacing.
 AHEAD_STEPS = 4
-#: Slots after which a track is trusted that is not its sender's first.
+#: Number of slots after which a track that is not its sender's first is trusted.
 AGREEING = 4
-#: A track counts its slots up to this number, and its odds up and down to the other.
+#: Largest number of slots that a track counts, and limit of its odds, up and down.
 MOST_COUNTED, MOST_ODDS = 20, 3
-#: A track with these odds, or lower ones, is not trusted: another one has won twice more.
+#: A track with these odds or less is not trusted: it has lost two slots more than it has won.
 LOST_ODDS = -2
 #: Recent packets of a track that another one may follow: their number, and the time (s) from the first to the last.
 RECENT, RECENT_S = 8, 60.0
 #: Time (s) between two packets, at least, that show where a track leads.
 PACE_S = 10.0
-#: Tracks that are kept of a sender, and packets (positions) of a track.
+#: Largest numbers of tracks that are kept per sender, and of packets (positions) per track.
 MAX_TRACKS, MAX_LOCATIONS = 16, 500
 #: A track that was silent for this time (s) is dropped.
 SILENT_S = 600.0
@@ -59,7 +59,7 @@ class Pace:
 
 
 def speeds_apart(speeds_mps: Sequence[float]) -> str:
-    """Names vehicles that take packets of a faster mate, without a tag, for those of an impostor; "" without any.
+    """Names vehicles that would refuse a faster mate's packets without a tag as implausible; "" without any.
 
     Args:
         speeds_mps: Speeds (m/s) of the team, from vehicle 1.
@@ -226,9 +226,9 @@ class MateTracks:
         self._add(source, seen, math.nan if slot_s is None else slot_s)
 
     def _misfit_m(self, track: Track, seen: _Sighting) -> float:
-        """How far a packet is from where a track leads, and half of the way since (m); infinite if it is too far.
+        """Distance of a packet from a track's extrapolation plus half of the way since (m); infinite if too far off.
 
-        Each recent packet of the track may be the one that it follows, as others may be forged.
+        It may follow any recent packet of the track, because others may be forged.
         """
         found = math.inf
         for last in track.tips:

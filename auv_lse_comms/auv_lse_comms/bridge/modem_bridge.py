@@ -40,7 +40,7 @@ EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "ob
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModemFeatures:
-    """What the modem does beyond sending packets.
+    """The features of a modem beyond sending packets.
 
     Attributes:
         confirm_s: A packet that the modem has not confirmed within this time (s) counts as not sent. Infinite: it
@@ -94,7 +94,7 @@ class ModemBridge:
         remember: Receives each event that a bridge needs after a restart (`recall`): a kind, and JSON values.
         unconfirmed: Number of successive packets that the modem has neither confirmed nor refused.
         abort_calls: This vehicle's own call to abort the mission, and those of its mates.
-        tracks: Which packets without a tag can come from their sender; None: all.
+        tracks: Plausibility check of packets without a tag; None: all are plausible.
     """
 
     def __init__(
@@ -112,12 +112,12 @@ class ModemBridge:
 
         Args:
             tdma: Slots.
-            packet: What goes into a packet and what is refused.
+            packet: The content of packets, and the checks of received ones.
             address: Number of this vehicle, from 1, which is its modem's address.
             vehicles: Number of vehicles of the mission.
             limits: What a mission's packets can hold; None: the ranges of the field table.
             key: The team's key (`key.read_key`), required if `packet.tag`.
-            modem: What the modem does beyond sending packets.
+            modem: The modem's features.
 
         Raises:
             ValueError: if the key is missing, or the address is not a vehicle.
@@ -150,7 +150,7 @@ class ModemBridge:
         self._contest = SlotContest()
         self._waited: list[tuple[int, Candidate]] = []  # senders and packets whose samples have waited
         self._last_sent_s = math.nan
-        self._last_payload: dict[int, bytes] = {}  # accepted last, by sender
+        self._last_payload: dict[int, bytes] = {}  # last accepted, by sender
 
     @property
     def loss(self) -> float:
@@ -335,7 +335,7 @@ class ModemBridge:
         return payload
 
     def counters(self) -> dict[str, Any]:
-        """What authentication and obeyed aborts must not forget, as JSON values.
+        """The state of authentication and of obeyed aborts that must survive a restart, as JSON values.
 
         A packet from `poll` may be given to the modem once they are on the disk.
         """
@@ -373,7 +373,7 @@ class ModemBridge:
         self.counts["samples.sent"] += len(samples)
 
     def confirm(self, sent_s: float) -> None:
-        """The modem has sent the packet that `poll` gave out at `sent_s` (s)."""
+        """Records that the modem has sent the packet that `poll` gave out at `sent_s` (s)."""
         for packet in self._sent:
             if abs(packet.then_s - sent_s) < SAME_TIME_S:
                 packet.confirmed = True

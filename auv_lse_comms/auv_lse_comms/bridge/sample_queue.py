@@ -41,8 +41,8 @@ class SampleQueue:
         """Starts empty.
 
         Args:
-            config: What goes into a packet.
-            limits: What a mission's packets can hold; None: the ranges of the field table.
+            config: The content of packets.
+            limits: Limits of a mission's packets; None: the ranges of the field table.
             counts: Counter for "samples.<what>".
         """
         self._config, self._limits, self._counts = config, limits or Limits(), counts

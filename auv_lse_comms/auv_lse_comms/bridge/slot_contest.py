@@ -1,4 +1,4 @@
-"""Which of several packets of one slot is its sender's, where packets carry no tag.
+"""Decides which of several packets of one slot is its sender's, if packets carry no tag.
 
 A vehicle sends one packet in each of its slots, at its start. So of several packets of a slot the sender's own arrives
 on time, and no other packet of its track (`mate_tracks.py`) comes in that slot. A packet that is on time and alone is

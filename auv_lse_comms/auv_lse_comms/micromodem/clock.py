@@ -24,7 +24,7 @@ from auv_lse_comms.micromodem.state import Cause, State
 SECOND_START_S = 0.1
 #: If the driver is polled too rarely for that, $CCTMS is written after this wait (s).
 SECOND_WAIT_S = 3.0
-#: Attempts at setting the clock before the driver reports the failure and leaves the clock as it is.
+#: Attempts at setting the clock before the driver reports the failure and leaves the clock unchanged.
 CLOCK_TRIES = 3
 
 

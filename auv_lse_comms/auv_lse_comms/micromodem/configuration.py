@@ -28,7 +28,7 @@ def settings_of(config: ModemConfig, address: int) -> tuple[tuple[Setting, bool]
             ("TXF", "1", True),  # report that it is off: the packet is sent
             ("REV", "1", False),  # report the revision every few minutes
             ("XST", "1", False),  # transmit statistics
-            ("MFD", "1", False),  # report what the matched filter detected
+            ("MFD", "1", False),  # report detections of the matched filter
             ("ASD", "0", False),  # never send test data of its own when the host is late
             ("SNV", str(int(config.synchronous)), False),  # start transmissions on the second
             *((name, str(value), False) for name, value in config.settings.items()),

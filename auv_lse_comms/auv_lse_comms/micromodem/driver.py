@@ -59,7 +59,7 @@ class Micromodem:
         """Creates the driver of the modem that gets `address` (1 to 127, the vehicle's number).
 
         Args:
-            record: Gets every input and output, for a line log; times then have its resolution of 1 us.
+            record: Receives every input and output, for a line log; times then have its resolution of 1 us.
 
         Raises:
             ValueError: if the address is out of range.

@@ -1,4 +1,4 @@
-"""What the driver of a Micromodem reports to its owner."""
+"""The events that the driver of a Micromodem reports to its owner."""
 
 import math
 from dataclasses import dataclass

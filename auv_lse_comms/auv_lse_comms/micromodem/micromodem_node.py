@@ -35,7 +35,7 @@ class MicromodemNode(DriverNode):
         self._rx = self.publisher("modem/rx")
         self._sent = self.publisher("modem/sent")
         self._failed = self.publisher("modem/failed")
-        self.listen("modem/tx", self._on_transmit, raw=True)  # its header comes back as it is
+        self.listen("modem/tx", self._on_transmit, raw=True)  # its header is returned unchanged
         self.drive(self._modem, f"modem.port {config.port}")
 
     def _on_transmit(self, message: ModemTx) -> None:
@@ -50,7 +50,7 @@ class MicromodemNode(DriverNode):
             self.get_logger().error(f"packet of {len(message.payload)} bytes: {error}")
 
     def _outcome_of(self, number: int) -> ModemTx:
-        """What becomes of packet `number` is reported with its header as it came."""
+        """The report on packet `number`, with the packet's own header."""
         return ModemTx(header=self._headers.pop(number), dive=self.dive, source=self.vehicle)
 
     def totals(self) -> tuple[int, ...]:

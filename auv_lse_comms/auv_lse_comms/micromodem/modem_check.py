@@ -103,7 +103,7 @@ class ModemCheck:
     # ------------------------------------------------------------------ findings
 
     def findings(self) -> list[Finding]:
-        """What was seen, what is missing, and what to do."""
+        """The findings: what was seen or is missing, and the cure."""
         if not self.answers:
             return [Finding(ok=False, text=self._silence())]
         return [*self._lines(), *self._setting_findings(), *self._band_findings(), *self._clock_findings()]

@@ -123,7 +123,7 @@ class Receiving:
     def _end_s(self, statistics: ReceptionStatistics | None, count: int) -> float:
         """End of the reception (s), by the modem's clock if that is plausible, else now."""
         now_s = self._session.now_s
-        if statistics is None or not self._believable(statistics, count):
+        if statistics is None or not self._is_plausible(statistics, count):
             return now_s
         return round(statistics.utc_s + packet_duration_s(statistics.rate, count), 4)
 
@@ -131,12 +131,12 @@ class Receiving:
         """Start of transmission, travel time, start of reception (s) if a PPS disciplines both clocks; else NaN."""
         if statistics is None or not self._session.config.synchronous or not clock_is_synchronous(statistics.clock):
             return _UNTIMED
-        if not self._believable(statistics, count):
+        if not self._is_plausible(statistics, count):
             return _UNTIMED
         sent_s = float(math.floor(statistics.utc_s))
         return sent_s, statistics.utc_s - sent_s, statistics.utc_s
 
-    def _believable(self, statistics: ReceptionStatistics, count: int) -> bool:
+    def _is_plausible(self, statistics: ReceptionStatistics, count: int) -> bool:
         """Whether the modem's start time fits a reception of `count` bytes that ends about now."""
         if not self._clock.right or statistics.rate not in RATES:
             return False

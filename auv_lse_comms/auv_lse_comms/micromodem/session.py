@@ -1,4 +1,4 @@
-"""What the parts of a Micromodem driver share: state, time and waits, outgoing bytes, and events."""
+"""The state that the parts of a Micromodem driver share: time and waits, outgoing bytes, and events."""
 
 import math
 from collections import Counter
@@ -67,7 +67,7 @@ class Session:
         self._since_s[wait] = self.now_s if since is None else self._since_s[since]
 
     def waited_s(self, wait: str) -> float:
-        """How long a wait has run (s), 0 if it was never started."""
+        """Duration of a wait so far (s); 0 if it was never started."""
         return self.now_s - self._since_s.get(wait, self.now_s)
 
     # ------------------------------------------------------------------ output

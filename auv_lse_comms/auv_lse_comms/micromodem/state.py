@@ -78,5 +78,5 @@ TRANSITIONS: dict[tuple[State, Cause], State] = {
 
 #: States in which a cycle has begun and the transducer is not on yet.
 STARTING = (State.CYCLING, State.REQUESTING, State.GIVING)
-#: States from the begin of a cycle to the end of its transmission.
+#: States from the beginning of a cycle to the end of its transmission.
 TRANSMITTING = (*STARTING, State.SENDING)

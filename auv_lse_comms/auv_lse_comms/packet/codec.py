@@ -90,7 +90,7 @@ REASONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a mission's packets can hold: narrower ranges than those of the field table.
+    """Limits of a mission's packets: narrower ranges than those of the field table.
 
     Attributes:
         steps: Largest mission step.

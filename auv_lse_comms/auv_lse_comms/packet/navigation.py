@@ -2,9 +2,9 @@
 
 Bytes, before the path's terminal byte; the first one selects the content:
 
-    0xEC  dead-reckoned position: north, east (int24, cm)                                                      7 bytes
-    in all 0xED  the same; then the last fix: its dead-reckoned position: north, east (int16, 0.5 m), and the GPS
-          position minus that: north, east (int12, dm; packed into 3 bytes)                      14 bytes in all
+    0xEC  dead-reckoned position: north, east (int24, cm)                                           7 bytes in all
+    0xED  the same; then the last fix: its dead-reckoned position: north, east (int16, 0.5 m), and the GPS
+          position minus that: north, east (int12, dm; packed into 3 bytes)                        14 bytes in all
 
 Little-endian, two's complement. The samples of such a packet are in its sender's raw frame: dead-reckoned from its
 start without any fix, like the dead-reckoned position. The fix's dead-reckoned position only locates the fix on the
@@ -59,7 +59,7 @@ class Navigation:
         """A dead-reckoned position and the last fix, rounded to the packet's units.
 
         Raises:
-            ValueError: naming what is not finite or does not fit.
+            ValueError: naming the position or offset that is not finite or does not fit.
         """
         raw_cm = _units("dead-reckoned position", raw.north_m, raw.east_m, _CM)
         if fix is None:

@@ -29,7 +29,7 @@ class Address:
     number: int
 
     def __str__(self) -> str:
-        """As it is written in the parameters."""
+        """The address in the notation of the parameters."""
         return f"{self.kind}://{self.position}:{self.number}"
 
 

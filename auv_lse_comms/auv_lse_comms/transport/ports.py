@@ -25,7 +25,7 @@ class TransportError(OSError):
     """A port that cannot be opened, or has failed; its message names the port."""
 
 
-#: What to do about an error in opening a port.
+#: Cures of errors in opening a port.
 _CURES = {
     errno.ENOENT: "connect the device, or name another port",
     errno.EACCES: "add this user to the group of the device: sudo usermod -a -G dialout USER, then log in again",

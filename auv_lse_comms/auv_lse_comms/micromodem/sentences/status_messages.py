@@ -1,4 +1,4 @@
-"""What a Micromodem reports about itself: revision, settings, clock, notices and errors."""
+"""The sentences in which a Micromodem reports its state: revision, settings, clock, notices and errors."""
 
 from __future__ import annotations
 
