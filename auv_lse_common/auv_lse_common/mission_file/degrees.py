@@ -1,7 +1,7 @@
 """Converts the area, starts and recovery positions of a mission file from degrees to metres.
 
 A mission file may give them in latitude and longitude (`area.polygon_deg`, `vehicle.start_deg`, ...), or name an area
-file (`area.file`). They are converted when the mission file is read: nodes only know metres. Area files are read on
+file (`area.file`). They are converted when the mission file is read: nodes take metres only. Area files are read on
 shore: its commands pass a reader, and vehicles get a mission file with the polygons written into it.
 """
 
@@ -23,13 +23,13 @@ from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 
 Patterns = dict[str, dict[str, Any]]
 
-#: How to name what is in a file; ends messages about features that are not understood.
+#: How to name the features of a file; ends messages about features that are not understood.
 NAMING = "Name a polygon 'no-go ...' if vehicles must stay out, 'shore ...' if it is a shore, or remove it"
 
 
 @dataclass(kw_only=True)
 class AreaContent:
-    """What an area file contains, in WGS84 degrees; a position is (latitude, longitude).
+    """The content of an area file, in WGS84 degrees; a position is (latitude, longitude).
 
     Attributes:
         area: Corners (n, 2) of the operating area; None if the file has none.

@@ -14,7 +14,7 @@ MAX_LINE_LEGS = 200
 #: Least coverage at which a longer mission, or a large team, with the goal `line` flies `tour`, which then finds as
 #: much by its end or more (docs/evidence/planner.md).
 TOUR_COVERAGE = 0.8
-#: A team is large for its mission with fewer legs than this for each vehicle. All vehicles have heard the plans of all
+#: A team is large for its mission with fewer legs than this for each vehicle. Every vehicle has received every plan
 #: after one cycle of slots, about .6 legs for each vehicle.
 FEW_LEGS = 7
 
@@ -51,7 +51,7 @@ def finds_method(goal: str, given: Iterable[Mapping[str, Any]]) -> bool:
 
 
 def _method(parameters: Mapping[str, Any]) -> str:
-    """The method that follows from nested parameters; with unusable ones, which are reported elsewhere, any."""
+    """The method that follows from nested parameters; any method for unusable ones, which are reported elsewhere."""
     try:
         mission = section(MissionConfig, parameters, "mission", "")
         if mission.goal == "chart":

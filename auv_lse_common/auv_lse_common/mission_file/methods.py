@@ -12,8 +12,7 @@ from typing import Any
 from auv_lse_common.vocabulary.naive_ids import FITTED_OF_GROUP
 
 #: Least number of positions on each leg for the map's reward. With one position, the remaining risk is overestimated
-#: twice as
-#: much for turning paths as for straight lanes (docs/design/planner.md).
+#: twice as much for turning paths as for straight lanes (docs/design/planner.md).
 MAP_LOCATIONS_PER_LEG = 2
 
 
@@ -22,8 +21,8 @@ class Family:
     """Properties of a family of methods, whose plans are made in the same way.
 
     Attributes:
-        bound_of: What reward and bound count: the drop of risk over the whole "map" or at the positions of this
-            vehicle's "path", or the length of the "line" located.
+        bound_of: The quantity that reward and bound measure: the drop of risk over the whole "map" or at the positions
+                of this vehicle's "path", or the length of the "line" located.
         to_the_end: Whether a plan is evaluated to the mission's end, whatever the horizon.
         all_mates: Whether the plans of all team mates count; otherwise only of those with lower numbers (paper).
         positions_per_leg: Least number of positions on each leg at which this vehicle's paths are evaluated.

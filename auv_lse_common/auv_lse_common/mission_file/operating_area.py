@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig, corners
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.input_bounds import MAX_CELLS, MAX_RASTER_NODES
 
-#: Begin of the names of no-go areas that stand for ground which no vehicle can reach.
+#: Prefix of the names of no-go areas that stand for ground which no vehicle can reach.
 UNREACHABLE = "unreachable_"
 #: Cells along each side of the raster on which the size of a polygon's no-go areas is counted.
 AREA_CELLS = 500

@@ -1,7 +1,7 @@
 """Parameters and values of earlier versions: recordings made with them remain readable, new mission files are refused.
 
 `without_retired` rewrites the mission file of a recording for this version; `notes_on_retired` reports what it changes.
-`parameters.py` takes from here what it answers when a mission file sets one of them.
+`parameters.py` names the replacement from here when it refuses one of them in a mission file.
 """
 
 from collections.abc import Iterator, Mapping
@@ -87,7 +87,7 @@ def without_retired(patterns: Mapping[str, Mapping[str, Any]]) -> dict[str, dict
 
 
 def notes_on_retired(patterns: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """What `without_retired` changes, one sentence for each kind of change; none for a file of this version."""
+    """The changes by `without_retired`, one sentence for each kind; none for a file of this version."""
     found = [entry for values in patterns.values() for entry in _leaves(values)]
     gone = sorted({name for name, _ in found if name in RETIRED})
     replaced = sorted({(name, value) for name, value in found if replacement(name, value) is not None})

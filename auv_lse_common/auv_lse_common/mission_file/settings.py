@@ -269,7 +269,7 @@ def check_vehicle(patterns: Mapping[str, Mapping[str, Any]], where: str, number:
 
 
 def beyond_team(pattern: str, vehicles: int, where: str) -> str:
-    """That nobody reads a pattern's parameters, because its vehicle is beyond the team; "" if it is not."""
+    """A note that a pattern's parameters are ignored, because its vehicle is beyond the team; "" if it is not."""
     number = _vehicle_of(pattern)
     if number is None or number <= vehicles:
         return ""

@@ -1,4 +1,4 @@
-"""Strict YAML: what YAML 1.1 would change without a word is refused.
+"""Strict YAML: refuses text that YAML 1.1 would silently read as something else.
 
 A recording's mission file may be of a version that was less strict: its numbers are read as that version read them.
 """
@@ -13,7 +13,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.input_bounds import MAX_YAML_VALUES
 from auv_lse_common.support.user_error import brief
 
-#: How PyYAML's messages on common mistakes begin, and messages with the cure.
+#: Beginnings of PyYAML's messages on common mistakes, and messages with the cure.
 _CURES = {
     "but found another document": "a second document begins; join both, without the line '---'",
     "expected '<document start>'": "a second document begins; join both, without the line '...'",

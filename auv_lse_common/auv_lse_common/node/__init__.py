@@ -1,1 +1,1 @@
-"""What every node is built on: parameters, timers, lockstep, journal, health."""
+"""The common parts of all nodes: parameters, timers, lockstep, journal, health."""

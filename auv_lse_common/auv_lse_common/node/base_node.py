@@ -67,7 +67,7 @@ class BaseNode(Node):
         self._apply: Callable[[dict[str, Any]], None] | None = None
         if self.lockstep:
             self._alone_since_s = time.monotonic()
-            self._lonely = self.create_timer(_LOOK_S, self._look_for_simulator)
+            self._simulator_check = self.create_timer(_LOOK_S, self._look_for_simulator)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[[], None], *others: Any, **options: Any) -> Any:
         """A timer on a steady clock; on the system's clock it would stop when that is set back."""
@@ -77,9 +77,9 @@ class BaseNode(Node):
     def _look_for_simulator(self) -> None:
         """Lockstep: warns once if no simulator appears; one that ends later is no reason to warn."""
         if self.count_publishers("/lockstep/tick"):
-            self._lonely.cancel()
+            self._simulator_check.cancel()
         elif time.monotonic() - self._alone_since_s >= _NO_SIMULATOR_S:
-            self._lonely.cancel()
+            self._simulator_check.cancel()
             self.get_logger().warning(
                 f"no simulator for {_NO_SIMULATOR_S:g} s although sim.lockstep is true: this node waits for a tick. "
                 "On a vehicle, set sim.lockstep: false (or leave out the section sim)."

@@ -81,7 +81,7 @@ def is_foreign(topic: Topic, sender: str, own: str) -> bool:
 
 #: Nodes that a user's own driver may replace.
 _DRIVERS = ("vehicle_link_node", "micromodem_node")
-#: How long (s) another dive counts as present after its last message.
+#: Time (s) for which another dive counts as present after its last message.
 _PRESENT_S = 60.0
 #: Number of other dives that a node names; further ones are counted together.
 _MAX_NAMED = 8

@@ -69,7 +69,7 @@ class Stopping:
         handle_signals(self._request)
 
     def set_wake(self, wake: Callable[[], None] | None) -> None:
-        """Sets what ends the main thread's wait from another thread, or None."""
+        """Sets the function with which another thread ends the main thread's wait; None: none."""
         self._wake = wake
 
     def ignore_signals(self) -> None:
@@ -104,7 +104,7 @@ def spin(stopping: Stopping, *nodes: Node) -> None:
             executor.spin_once()
             if gather_s:
                 time.sleep(gather_s)
-        if gather_s and rclpy.ok():  # what gathered meanwhile is served, too
+        if gather_s and rclpy.ok():  # messages gathered meanwhile are served, too
             for _ in range(_LAST_ROUNDS):
                 time.sleep(gather_s)
                 executor.spin_once(0.0)
@@ -149,7 +149,7 @@ class Main:
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     # A script in the background ignores SIGINT, and its children inherit that; restore the signal.
     stopping = Stopping()
-    sys.dont_write_bytecode = True  # Python would replace a module's cache by what a full disk takes of it
+    sys.dont_write_bytecode = True  # on a full disk, Python would truncate a module's cache
     try:
         refuse_mixture()
         confine()
@@ -165,7 +165,7 @@ def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
                     nodes.append(make())
         except ParameterError:
             raise
-        except ValueError as error:  # a part that checks its own arguments: here they come from the parameters
+        except ValueError as error:  # of a part that checks its own arguments, which come from the parameters here
             raise ParameterError(str(error)) from error
         if not stopping.requested:
             spin(stopping, *nodes)

@@ -2,7 +2,7 @@
 
 A hanging or stopped process looks alive from outside. So a node sends a heartbeat once a second, from the thread that
 serves its callbacks. The socket is in Linux's abstract namespace, so it needs neither disk nor network. The kernel
-identifies the sender. What the operator must read at once, a process reports the same way.
+identifies the sender. A process reports lines that the operator must read at once in the same way.
 """
 
 import contextlib

@@ -49,7 +49,7 @@ class Journal:
 
         Args:
             path: The file; its folder is made if it is missing. None: no journal is kept.
-            identity: What the mission is known by: JSON values. A journal of another identity is set aside.
+            identity: JSON values that identify the mission. A journal of another identity is set aside.
             replaced: Kinds of records of which each replaces the one before; only the last of each is read.
         """
         self.records: list[list[Any]] = []
@@ -73,7 +73,7 @@ class Journal:
             return
         if whole is None:
             self._append(head + b"\n")
-        elif not whole:  # what follows must not be joined to a torn line
+        elif not whole:  # new records must not be joined to a torn line
             self._append(b"\n")
 
     def _read(self, path: Path, head: bytes) -> bool | None:
@@ -165,8 +165,7 @@ class Journal:
 
     def _give_up(self, error: OSError) -> None:
         self.problem = (
-            f"journal {self._path}: cannot be written: {error.strerror or error}; a restart would lose what the node "
-            "knows"
+            f"journal {self._path}: cannot be written: {error.strerror or error}; a restart would lose the node's state"
         )
 
     def _set_stale(self, reason: str) -> None:

@@ -19,7 +19,7 @@ from auv_lse_common.node.dive import dive_of
 
 #: Bytes of a writer's id that its participant's other writers share (RTPS: GUID prefix).
 _PARTICIPANT = 12
-#: How long (s) a participant may take to introduce itself; without an introduction it belongs to a user's driver.
+#: Time (s) in which a participant must introduce itself; one that does not belongs to a user's driver.
 _PATIENCE_S = 1.0
 #: Number of participants that are remembered; the oldest are dropped.
 _REMEMBERED = 256

@@ -45,7 +45,7 @@ SECOND_VARIABLE = "AUV_LSE_SECOND_COPIES"
 DOUBT_VARIABLE = "AUV_LSE_DOUBT"
 #: The nodes of a vehicle that keep a state file.
 NODES = ("safety_node", "planner_node", "modem_node")
-#: Everything that a record can be read to fail with.
+#: The exceptions with which reading a record can fail.
 _UNREADABLE = (OSError, ValueError, KeyError, TypeError, RecursionError)
 
 
@@ -123,7 +123,7 @@ class StateFile:
         After a failure the next changed state is written into a new file.
 
         Args:
-            wait_s: How long (s) to wait for the disk if the copy in memory is written; a thread goes on after it.
+            wait_s: Time (s) to wait for the disk if the copy in memory is written; then a thread continues.
 
         Returns:
             Whether the state is on the disk, or none is stored. If False, `problem` may give the reason.

@@ -157,7 +157,7 @@ def newest(data: bytes) -> tuple[int, bytes]:
     """Sequence and text of the newest slot.
 
     Raises:
-        ValueError: saying what is wrong with the file.
+        ValueError: naming the file's fault.
     """
     if len(data) != FILE_BYTES:
         raise ValueError(f"has {len(data)} bytes instead of {FILE_BYTES}")
@@ -183,7 +183,7 @@ def slot(data: bytes) -> tuple[int, bytes] | tuple[()] | None:
 
 
 def head(number: int, text: bytes) -> bytes:
-    """What stands before the text of slot `number`."""
+    """The bytes before the text of slot `number`."""
     return _HEAD.pack(_MAGIC, number, len(text), zlib.crc32(struct.pack("<QL", number, len(text)) + text))
 
 

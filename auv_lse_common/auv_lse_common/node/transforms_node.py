@@ -1,6 +1,6 @@
 """A vehicle's transforms by REP 105, published on /tf where `tf2_msgs` is installed (it is not on PyPI).
 
-    map -> auvN/odom        jumps at a fix: what dead reckoning has drifted
+    map -> auvN/odom        jumps at a fix: the drift of dead reckoning
     auvN/odom -> auvN/base_link   never jumps: dead reckoning since the start
     auvN/base_link -> auvN/dvl    fixed: x points down, so that RViz draws the altitude's range
 

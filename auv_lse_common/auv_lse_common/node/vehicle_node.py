@@ -32,15 +32,15 @@ from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 
-#: Without lockstep, how often (s) a vehicle's node handles its messages.
+#: Without lockstep, period (s) at which a vehicle's node handles its messages.
 _STEP_PERIOD_S = 0.1
-#: Without lockstep, how long (s) a recorded node waits for the recorder before it handles anything: messages published
+#: Without lockstep, longest wait (s) of a recorded node for the recorder before it handles anything: messages published
 #: earlier are in no recording, and a planner decides within 0.2 s of its start. The recorder is looked for on topics
-#: that nobody else reads: a vehicle's other nodes may be away for longer.
+#: that no other node reads: a vehicle's other nodes may be absent for longer.
 _RECORDER_WAIT_S = 3.0
-#: Without lockstep, how often (s) a node returns freed memory; what it needs again costs it milliseconds.
+#: Without lockstep, period (s) at which a node returns freed memory; getting it again takes milliseconds.
 _MEMORY_PERIOD_S = 1.0
-#: Without lockstep, how often (s) a node reports what it waits for; it logs that once.
+#: Without lockstep, period (s) at which a node reports missing topics; it logs them once.
 _WAITING_PERIOD_S = 4.0
 
 
@@ -50,7 +50,7 @@ _TICK_COUNTS = {name: topic.tick_count for name, topic in VEHICLE_TOPICS.items()
 
 @dataclass(slots=True)
 class _Handler:
-    """What a node does in one phase of a tick, and the tick that it has still to answer."""
+    """A node's work in one phase of a tick, and the tick that it has yet to answer."""
 
     handle: Callable[[float], None]
     totals: Callable[[], tuple[int, ...]]
@@ -66,9 +66,9 @@ class VehicleNode(BaseNode):
     (auv_lse_common.node.lockstep).
 
     Attributes:
-        journal: What a restarted node needs to go on. Without lockstep it is kept if the environment names a folder.
-            Parameters that were changed while the node ran are in it, and apply again.
-        state: The little that the node must not forget, beside the journal.
+        journal: The data that a restarted node continues from. Without lockstep it is kept if the environment names
+                a folder. Parameters that were changed while the node ran are in it, and apply again.
+            state: The few values that must survive a restart, beside the journal.
     """
 
     def __init__(self, name: str, replaced: Collection[str] = ()) -> None:
@@ -84,9 +84,9 @@ class VehicleNode(BaseNode):
         self._role = name
         self._vehicle = self._vehicle_number()
         self.journal, self.state = self._open_files(replaced)
-        self._health = Health(level=Level.OK, text="started")  # published last
-        self._storage_problem = ""  # published last
-        self._hears_foreign = False  # published last
+        self._health = Health(level=Level.OK, text="started")  # last published
+        self._storage_problem = ""  # last published
+        self._hears_foreign = False  # last published
         self._has_logged_waiting = False
         self._unheard: set[str] = set()  # topics that the node needs and has received nothing on
         self._readers: dict[Publisher, int] = {}
@@ -94,7 +94,7 @@ class VehicleNode(BaseNode):
         self._handlers: dict[str, _Handler] = {}
         self._memory_returns = Periodic(_MEMORY_PERIOD_S)
         self._ticks: Ticks | None = None
-        self._matched = self._greeted = self._is_ready = False
+        self._matched = self._has_announced = self._is_ready = False
         self._introduction: Publisher | None = None
         self._introducers: set[str] = set()  # nodes that publish messages of standard types for this one
         # lockstep: where the vehicle's other nodes learn of a phase's end
@@ -191,7 +191,7 @@ class VehicleNode(BaseNode):
         """The publisher of a topic of the vehicle. In lockstep the node waits for its readers in other processes."""
         topic = VEHICLE_TOPICS[name]
         publisher = self.create_publisher(message_class(topic.kind), name, writer_quality(topic))
-        outside = [node for node in self._possible_readers() if not self._is_beside(node, topic)]
+        outside = [node for node in self._possible_readers() if not self._shares_process(node, topic)]
         readers, recorders = reader_count(topic, outside, self.together), self.recorded * topic.recorded
         self._readers[publisher] = readers + recorders
         if recorders and not readers:
@@ -208,7 +208,7 @@ class VehicleNode(BaseNode):
         modem, link = (self.parameters.get(name, {}).get("kind") for name in ("modem", "link"))
         return [*(name for _, name in vehicle_nodes(modem == "micromodem", link == "mavlink")), "sim_node"]
 
-    def _is_beside(self, reader: str, topic: Topic) -> bool:
+    def _shares_process(self, reader: str, topic: Topic) -> bool:
         """Whether `reader` gets the topic's messages without ROS: in lockstep, from a node in the same process."""
         return self.lockstep and reader in INTRA_PROCESS.nodes and INTRA_PROCESS.carries(topic)
 
@@ -262,7 +262,7 @@ class VehicleNode(BaseNode):
         self._subscribe(topic, receive)
 
     def _subscribe(self, topic: Topic, take: Callable[..., None]) -> None:
-        if self._is_beside(self._role, topic):
+        if self._shares_process(self._role, topic):
             INTRA_PROCESS.read(topic.name, take)
             return
         if topic.is_standard:
@@ -393,8 +393,8 @@ class VehicleNode(BaseNode):
     def _answer(self) -> None:
         if self._ticks is None or not self.settled():
             return
-        if self._matched and not self._greeted and self._introducers <= self.senders.nodes:
-            self._greeted = True
+        if self._matched and not self._has_announced and self._introducers <= self.senders.nodes:
+            self._has_announced = True
             self.announce(next(iter(self._handlers)), 0, ())
         for phase, handler in self._handlers.items():
             if handler.unanswered is not None:

@@ -1,11 +1,11 @@
-"""Keeps a vehicle above the ground: how deep it may be along its way, from its echo sounder. No ROS, no clock.
+"""Keeps a vehicle above the ground: limits its depth along its way, from its echo sounder. No ROS, no clock.
 
 Theory of operation
 -------------------
 `ping` takes each altitude with the vehicle's position and depth. Their sum is the depth of the ground. A ping that
 contradicts the ground so far by more than `JUMP_M` and a slope of one counts only if the next one agrees with it.
 
-A straight line is fitted over the last `WINDOW_M` of travel. Ground that rises along it is expected to go on rising for
+A straight line is fitted over the last `WINDOW_M` of travel. Ground that rises along it is expected to keep rising for
 `REACH_M` ahead; ground that falls counts as flat. A sounder shows the ground `LAG_S` late. So rising ground is
 expected to have risen further during that time, and the smallest depth within that time counts.
 
@@ -23,17 +23,17 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.vehicle import SHALLOWEST_M
 
-#: A sounder shows the ground up to this late (s).
+#: A sounder shows the ground with a delay of up to this (s).
 LAG_S = 0.8
 #: A vehicle keeps this much (m) more than the altitude asked for, and reacts when this much of it is left.
 SPARE_M, LEFT_M = 0.6, 0.3
-#: The slope is measured over this way (m), and expected to go on over this one.
+#: The slope is measured over the first of these distances (m), and expected to continue over the second.
 WINDOW_M, REACH_M = 4.0, 4.0
 #: Ground that differs by more than this (m), beyond a slope of one, must be seen twice.
 JUMP_M = 0.7
 #: Time (s) without a ping after which the next one counts, whatever its value.
 SILENT_S = 5.0
-#: Steepest line (m/m) along which a vehicle climbs while it travels, and steepest slope that is expected to go on.
+#: Steepest line (m/m) along which a vehicle climbs while it travels, and steepest slope that is expected to continue.
 STEEPEST = 0.6
 #: A vehicle looks ahead for this time (s) of travel: it reacts late, and coasts until it follows a new target.
 AHEAD_S = 3.4
@@ -124,13 +124,13 @@ class AltitudeKeeper:
         return min(max(-slope, 0.0), STEEPEST)
 
     def ground_m(self, ahead_m: float = 0.0) -> float:
-        """Depth (m) of the ground expected so far ahead; infinite before the first ping."""
+        """Depth (m) of the ground expected at `ahead_m` (m) ahead; infinite before the first ping."""
         if not self._ground:
             return math.inf
         return self._ground[-1][1] - self._rising * (min(ahead_m, REACH_M) + self._speed_mps * LAG_S)
 
     def deepest_m(self, ahead_m: float, spare_m: float = SPARE_M) -> float:
-        """Depth (m) that keeps the altitude so far ahead with something to spare; infinite if there is no limit."""
+        """Depth (m) that keeps the altitude and `spare_m` more at `ahead_m` (m) ahead; infinite without a limit."""
         return self.ground_m(ahead_m) - self.least_m - spare_m if self.least_m > 0.0 else math.inf
 
     def limited_m(self, wanted_m: float) -> float:

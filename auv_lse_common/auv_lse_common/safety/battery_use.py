@@ -1,20 +1,20 @@
-"""How far the battery lasts, learned from the charge that the autopilot reports. No ROS, no clock.
+"""Predicts how far the battery lasts, from the charge that the autopilot reports. No ROS, no clock.
 
 Theory of operation
 -------------------
 A way of length l with the displacement (n, e) is expected to cost (a l + b n + c e) (1 + g (1 - q)) of the full charge.
-In a current, b and c make a way against it dear and the way back cheap, whether the vehicle keeps its speed through the
-water or over ground. The factor with g is that of cells which empty: at a lower voltage the same power takes more
+In a current, b and c make a way against it cost more and the way back less, whether the vehicle keeps its speed
+through the water or over ground. The factor with g models emptying cells: at a lower voltage the same power takes more
 current, and old cells sag more. A Kalman filter estimates q, the present charge, with a, b, c, g and their covariance.
 It takes the median reading of each stretch of `STRETCH_M`, or of a stay several times as long.
 
-A reading far from the expected charge is ignored, unless `AGAIN` stretches in a row contradict it: then the covariance
-is widened until it fits. So a reading that jumps for a stretch or two changes nothing, and a wrong expectation is
-relearned. A charge does not rise under way: after its reboot an autopilot may count from a full battery again. Such
-readings are ignored for good.
+A reading far from the expected charge is ignored, unless `MOST_OUTLIERS` stretches in a row contradict it: then the
+covariance is widened until it fits. So a reading that jumps for a stretch or two changes nothing, and a wrong
+expectation is relearned. A charge does not rise under way: after its reboot an autopilot may count from a full battery
+again. Such readings are ignored for good.
 
 The way home is possible while the charge expected there exceeds the reserve by `CAUTION` standard deviations. These
-contain what is not known of a, b, c and g, and the scatter of the way home itself.
+contain the uncertainty of a, b, c and g, and the scatter of the way home itself.
 
 The filter begins after `LEAST` stretches; after fewer if the distance that a full battery lasts is stated, or was
 learned before a restart.
@@ -40,7 +40,7 @@ CAUTION = 3.0
 #: Charge kept beside these: readings in whole percent are wrong by half of it, and the model by as much.
 MARGIN = 0.01
 #: Readings are in whole percent unless one is off from that by more than this (percent).
-FINE = 1e-3
+WHOLE_TOLERANCE = 1e-3
 #: Standard deviation of the cost of one stretch, and of the change of its parameters over one, in mean costs.
 SCATTER, CHANGE = 0.16, 0.005
 #: Standard deviation of a at first, as a share of itself: stated, learned from the first stretches.
@@ -53,15 +53,15 @@ AGEING, AGEING_STD = 0.15, 0.12
 READING_STD, FINE_STD, FIRST_STD = 0.0035, 0.001, 0.01
 #: Standard deviations beyond which a reading is ignored; number of such readings in a row after which they count, and
 #: the factor by which the covariance of all but the charge then grows.
-FAR, AGAIN, WIDER = 4.0, 5, 4.0
+OUTLIER_STD, MOST_OUTLIERS, WIDENING = 4.0, 5, 4.0
 #: A reading is a rise if it exceeds the last accepted ones by this much; their number.
 RISE, RECENT = 0.05, 20
 #: A vehicle that takes this many times longer than usual for a stretch uses its battery without travelling.
-LONG = 2.0
+LONG_STRETCH = 2.0
 #: A stretch costs at least this much of the charge.
 LEAST_COST = 1e-5
 #: Number of readings of a stretch, and of stretches whose times are remembered.
-MOST, TIMES = 400, 60
+MAX_READINGS, MAX_TIMES = 400, 60
 #: Length (stretches) of the pieces of a forecast, and their largest number.
 PIECE, PIECES = 8.0, 8
 
@@ -101,15 +101,15 @@ class BatteryUse:
             self._readings = []
             self._at = (now_s, *now[1:])
         began_s = self._readings[0][1] if self._readings else now_s
-        if number != self._number or now_s - began_s > LONG * self._usual_s:
+        if number != self._number or now_s - began_s > LONG_STRETCH * self._usual_s:
             self._finish_stretch()
             self._number = number
         self._now = now
-        if not 0.0 <= charge <= 1.0:  # the vehicle goes on, and that costs what is expected
+        if not 0.0 <= charge <= 1.0:  # no reading: the vehicle is assumed to use the expected charge
             return
-        self._is_fine = self._is_fine or abs(charge * 100.0 - round(charge * 100.0)) > FINE
+        self._is_fine = self._is_fine or abs(charge * 100.0 - round(charge * 100.0)) > WHOLE_TOLERANCE
         self._readings.append((charge, *now))
-        del self._readings[:-MOST]
+        del self._readings[:-MAX_READINGS]
 
     @property
     def is_known(self) -> bool:
@@ -131,7 +131,7 @@ class BatteryUse:
         return STRETCH_M / cost, STRETCH_M / cost**2 * math.sqrt(self._covariance[1, 1])
 
     def surplus(self, way_m: float, home_m: tuple[float, float]) -> float:
-        """Charge above the reserve that is left for sure after a way and the way home; NaN while unknown.
+        """Charge above the reserve that is almost certainly left after a way and the way home; NaN while unknown.
 
         Args:
             way_m: Length of the further way (m), which ends where it begins.
@@ -145,7 +145,7 @@ class BatteryUse:
         return float(state[0]) - self.reserve - MARGIN - CAUTION * math.sqrt(covariance[0, 0])
 
     def must_turn(self, home_m: tuple[float, float]) -> bool:
-        """Whether a moment's further way and the way home (north, east, m) would use more than there is."""
+        """Whether a little more travel and the way home (north, east, m) would use more charge than there is."""
         return self.surplus(2.0, home_m) < 0.0
 
     def left_m(self, home_m: tuple[float, float]) -> float:
@@ -159,7 +159,7 @@ class BatteryUse:
         return low * STRETCH_M
 
     def snapshot(self) -> dict[str, Any]:
-        """What is learned, for a state file."""
+        """The learned state and its covariance, for a state file."""
         learned = self._learned if self._state is None else (self._state, self._covariance)
         return {} if learned is None else {"state": learned[0].tolist(), "covariance": learned[1].tolist()}
 
@@ -214,19 +214,19 @@ class BatteryUse:
         state, covariance = _moved(self._state, self._covariance, tuple(way))
         if way[0] > 0.5:
             self._times.append(passed_s / way[0])
-            del self._times[:-TIMES]
-        stayed = passed_s / self._usual_s - LONG * max(way[0], 0.0) if self._times else 0.0
+            del self._times[:-MAX_TIMES]
+        stayed = passed_s / self._usual_s - LONG_STRETCH * max(way[0], 0.0) if self._times else 0.0
         covariance[0, 0] += (max(stayed, 0.0) * state[1]) ** 2
         noise = (FINE_STD if self._is_fine else READING_STD) ** 2
         off, variance = charge - state[0], covariance[0, 0] + noise
-        is_far = off * off > FAR**2 * variance
+        is_far = off * off > OUTLIER_STD**2 * variance
         rises = bool(self._accepted) and charge > max(self._accepted) + RISE
-        if rises or (is_far and self._ignored < AGAIN):
+        if rises or (is_far and self._ignored < MOST_OUTLIERS):
             self._ignored += not rises
         else:
             self._accepted = [*self._accepted, charge][-RECENT:]
             if is_far:
-                covariance *= min(off * off / variance, WIDER)
+                covariance *= min(off * off / variance, WIDENING)
                 covariance[0, 0] = max(covariance[0, 0], off * off)
                 variance = covariance[0, 0] + noise
             self._ignored = 0

@@ -310,7 +310,7 @@ class SafetyWatch:
 
     @property
     def _position_problem(self) -> str:
-        """Reason why the mission cannot begin where the vehicle is; "" if its position is known. No changing number."""
+        """Reason why the mission cannot begin, without changing numbers; "" if the vehicle's position is known."""
         age_s = self._config.odometry_age_s
         if self._position is None:
             return "no position has arrived yet"

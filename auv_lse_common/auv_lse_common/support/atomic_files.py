@@ -17,11 +17,11 @@ from typing import TextIO
 
 from auv_lse_common.support.ending_signals import SIGNALS
 
-#: How the names of temporary folders begin.
+#: Prefix of the names of temporary folders.
 _PART = ".auv_lse.part-"
-#: Age (s) from which a temporary folder that nobody has locked is left over.
+#: Age (s) from which a temporary folder without a lock is left over.
 _YOUNG_S = 60.0
-#: How long (s) to wait while another process moves files into the same folder, which takes milliseconds.
+#: Longest wait (s) for another process that moves files into the same folder, which takes milliseconds.
 _WAIT_S = 10.0
 
 
@@ -47,7 +47,7 @@ def written_whole(folder: Path, obsolete: Collection[str] = ()) -> Iterator[Path
             _move(sorted(files.iterdir()), folder, obsolete)
     except BaseException as error:
         for path in new:
-            with contextlib.suppress(OSError):  # not made, or somebody else has files there
+            with contextlib.suppress(OSError):  # not made, or it has files of others
                 path.rmdir()
         if isinstance(error, OSError) and (error.filename is None or _PART in str(error.filename)):
             text = os.strerror(error.errno) if error.errno else str(error)  # HDF5's own names a hidden folder
@@ -163,7 +163,7 @@ def check_file(path: Path, option: str) -> None:
 
     Args:
         path: The file, device or pipe.
-        option: What named it, such as `--csv`.
+        option: The option that names it, such as `--csv`.
 
     Raises:
         ValueError: naming both: a folder or a loop of links in place of the file, or a folder that is missing or cannot

@@ -93,7 +93,7 @@ def names_network(environment: Mapping[str, str]) -> bool:
 
 
 def watch_variables(domain: int) -> str:
-    """What to export in another terminal so that its ROS commands find `domain`, as a shell writes it."""
+    """The variables to export in another terminal so that its ROS commands find `domain`, in shell syntax."""
     is_local = is_confined(confined(domain))
     return f"ROS_DOMAIN_ID={domain}" + (" ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" if is_local else "")
 

@@ -1,4 +1,4 @@
-"""What a check of a device found, and how commands print it."""
+"""The findings of a check of a device, as commands print them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which copy of the software runs: its version, how it was installed, where it is, and the commit of a checkout.
+"""Identifies the copy of the software that runs: version, kind of installation, folder, commit of a checkout.
 
 Several copies may be installed: wheels of pip, a colcon workspace, a checkout. Python imports the first that it finds.
 """

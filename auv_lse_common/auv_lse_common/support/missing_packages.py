@@ -66,7 +66,7 @@ def missing(error: ImportError, purpose: str) -> MissingPackageError:
 
 
 def install_command(package: str) -> str:
-    """What installs a Python package; for one of the stack, by how the others were installed."""
+    """The command that installs a Python package; for one of the stack, by how the others were installed."""
     if package.startswith("auv_lse_"):
         copy = copy_of("auv_lse_common")
         return _STACK[copy.kind if copy is not None else "checkout"].format(package)

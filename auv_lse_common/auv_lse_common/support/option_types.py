@@ -42,7 +42,7 @@ def positive(text: str) -> float:
 
 
 def _number(text: str) -> float:
-    """The number that a text is; NaN if it is none."""
+    """The number in a text; NaN if the text is not a number."""
     try:
         return float(text)
     except ValueError:

@@ -9,7 +9,7 @@ def counted(count: int, what: str) -> str:
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Names with commas: at most so many, and the number of the others."""
+    """Names with commas: at most `most`, and the number of the others."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 

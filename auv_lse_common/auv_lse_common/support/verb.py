@@ -1,4 +1,4 @@
-"""What a package declares about a verb of the command `auv_lse`.
+"""A package's declaration of a verb of the command `auv_lse`.
 
 A package lists its verbs in a module `verbs`, which imports nothing else, and names that list in the entry-point group
 `auv_lse.verbs` of its setup.py. `auv_lse --help` shows the lists; a verb's own module is imported when it is called.

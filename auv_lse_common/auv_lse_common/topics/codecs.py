@@ -49,7 +49,7 @@ def header_fields(stamp_s: float, frame: str = "map") -> Fields:
 
 # Records whose fields are the message's ----------------------------------------------------------------------------
 
-#: By the types of fields as they are written, for which modules of records need `from __future__ import annotations`.
+#: By the text of a field's type: modules of records therefore need `from __future__ import annotations`.
 _FROM_MESSAGE: dict[str, Callable[[Any], Any]] = {
     "float": float,
     "int": int,

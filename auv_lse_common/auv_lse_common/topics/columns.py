@@ -25,7 +25,7 @@ def _header(stamps_s: Array) -> Columns:
 
 
 def odometry_columns(track: Array, position_std_m: Array | None = None) -> Columns:
-    """What differs between the Odometry messages of a track, as `encode_odometry` encodes them.
+    """The fields that differ between the Odometry messages of a track, as `encode_odometry` encodes them.
 
     Args:
         track: Rows (time s, north m, east m, heading rad), and perhaps the vehicle's depth (m), shape (n, 4 or 5).
@@ -48,6 +48,6 @@ def odometry_columns(track: Array, position_std_m: Array | None = None) -> Colum
 
 
 def sounding_columns(soundings: Soundings) -> Columns:
-    """What differs between Sounding messages, as `encode_sounding` encodes them."""
+    """The fields that differ between Sounding messages, as `encode_sounding` encodes them."""
     names = ("north_m", "east_m", "depth_m", "raw_north_m", "raw_east_m")
     return {**_header(soundings.stamp_s), **{(name,): getattr(soundings, name) for name in names}}

@@ -60,7 +60,7 @@ def encode_path(value: tuple[float, Array, float], vehicle: int) -> Fields:
     return {"header": header, "poses": poses}
 
 
-#: How long (s) a viewer shows the line of a packet: about a slot.
+#: Time (s) for which a viewer shows the line of a packet: about a slot.
 _LINE_S = 10
 
 

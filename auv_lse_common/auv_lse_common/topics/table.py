@@ -17,7 +17,7 @@ from auv_lse_common.topics.records import BoundReport, Reception, SimReport, Tdm
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.map_quality import Quality
 
-#: How messages are delivered. "every": reliably. "newest": only the newest one matters, so readers accept best-effort
+#: Kinds of delivery. "every": reliably. "newest": only the newest one matters, so readers accept best-effort
 #: writers such as ROS drivers (in lockstep as "every"). "latched": late readers receive the last message.
 Delivery = Literal["every", "newest", "latched"]
 

@@ -21,8 +21,7 @@ UNKNOWN: Covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def raw_position(north_m: float, east_m: float) -> tuple[float, float]:
-    """The dead-reckoned position (m) of a message; NaN, NaN if both fields are exactly 0, as drivers without it leave
-    them."""
+    """The dead-reckoned position (m) of a message; NaN, NaN if the driver has left both fields exactly 0."""
     return (math.nan, math.nan) if north_m == 0.0 and east_m == 0.0 else (north_m, east_m)
 
 
@@ -76,8 +75,7 @@ class MateNavigation:
     """The navigation data in a packet with its travel time, or a range measured by a ping.
 
     A ping carries no position: the dead-reckoned position and `sent_s` are NaN, and the receiver's clock alone measures
-        the
-    travel time.
+    the travel time.
 
     Attributes:
         stamp_s: Start of reception by the receiver's clock (s); for a ping the time of the range.

@@ -58,7 +58,7 @@ def frozen_values(
     east_m: Array,
     flattest: float,
 ) -> Mask:
-    """What a new `FrozenSensor` returns for each of many values, shape (n,) each; all at once.
+    """The results of a new `FrozenSensor` for many values, shape (n,) each, computed together.
 
     Raises:
         ValueError: if the arrays differ in length.

@@ -7,7 +7,7 @@ from auv_lse_common.vocabulary.frames import wrap_pi
 
 #: No vehicle turns faster than this (rad/s), beyond what an estimate's correction may add (rad).
 FASTEST_RADPS, SLACK_RAD = 1.5, 0.5
-#: So many jumps within this time (s) are no corrections.
+#: This many jumps within this time (s) cannot be corrections.
 JUMPS, WITHIN_S = 3, 10.0
 #: Estimates that are farther apart than this (s) are not compared.
 LONGEST_GAP_S = 1.5
@@ -26,7 +26,7 @@ class JumpingHeading:
         return max((size for _, size in self._jumps), default=0.0)
 
     def update(self, stamp_s: float, heading_rad: float) -> bool:
-        """Adds a heading; returns whether it has jumped repeatedly of late."""
+        """Adds a heading; returns whether headings have recently jumped several times."""
         last, self._last = self._last, (stamp_s, heading_rad)
         if last is not None and 0.0 < (passed_s := stamp_s - last[0]) <= LONGEST_GAP_S:
             turned_rad = abs(float(wrap_pi(heading_rad - last[1])))

@@ -30,7 +30,7 @@ def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float
 
 
 def arc_stray_m(turn_rad: float, radius_m: float, early_m: float) -> float:
-    """How far (m) a vehicle strays from its legs' arcs if it travels straight to each leg's end.
+    """Largest distance (m) of a vehicle from its legs' arcs if it travels straight to each leg's end.
 
     An autopilot that moves sideways, as ArduSub, cuts each arc and corner.
 
@@ -44,7 +44,7 @@ def arc_stray_m(turn_rad: float, radius_m: float, early_m: float) -> float:
 
 
 def corner_stray_m(turn_rad: float, early_m: float) -> float:
-    """How far (m) such a vehicle strays from the straight lines between the ends of its legs; arguments as above.
+    """Largest distance (m) of such a vehicle from the straight lines between its legs' ends; arguments as above.
 
     Two of these lines form an angle of at most the legs' largest heading change.
     """

@@ -36,7 +36,7 @@ class RunState(enum.IntEnum):
 
 
 class Action(enum.IntEnum):
-    """What a vehicle does; numbers as in auv_lse_msgs/MissionState."""
+    """A vehicle's action; numbers as in auv_lse_msgs/MissionState."""
 
     TRAVEL = 0
     HOLD = 1
@@ -177,7 +177,7 @@ class RunStatus:
 
     @property
     def waits_for_people(self) -> bool:
-        """Whether the mission waits for GO, or holds because of a command, so that only people let it go on."""
+        """Whether the mission waits for GO, or holds because of a command, so that only people can continue it."""
         commanded = any(self.reason.startswith(f"{command.name} by ") for command in Command)
         return not self.limits and (commanded or self.reason == _WAITS)
 
@@ -187,7 +187,7 @@ class RunStatus:
         return self.state in (RunState.ENDED, RunState.ABORTED) and self.reason not in ("", _LAST_LEG)
 
     def stop_after(self, then: Stop | None) -> Stop | None:
-        """What a vehicle does instead of travelling, if its newest leg ends with the stop `then`.
+        """The vehicle's stop, given the stop `then` at the end of its newest leg; None: it travels.
 
         At the mission's end it completes a last leg that ends with the same stop.
         """
@@ -199,7 +199,7 @@ _HOLD, _SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
 
 
 #: Without lockstep the state is published every second. Without one for this time (s), longer than a restart of
-#: safety_node takes, nobody watches the limits or takes commands.
+#: safety_node takes, no node watches the limits or takes commands.
 LONGEST_SILENCE_S = 30.0
 #: The state of a vehicle that travels then, until the next state arrives.
 UNWATCHED = RunStatus(
@@ -236,14 +236,14 @@ class MissionRun:
         self._not_ready = self._paused = ""
         self._travelled = False
         self._team_abort = False
-        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT, RESET came last, _START and _TRIP
+        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT, RESET last came, _START and _TRIP
 
     def note_start(self, now_s: float) -> None:
-        """Notes when the dive starts, by the clock of commands; `restore` replaces it by when it first did."""
+        """Notes when the dive starts, by the clock of commands; `restore` replaces it with the first start."""
         self._received_s[_START] = now_s
 
     def note_trip(self, now_s: float) -> None:
-        """Notes when a limit tripped, by the clock of commands: a RESET given before does not mean it."""
+        """Notes when a limit tripped, by the clock of commands: a RESET given earlier does not clear it."""
         self._received_s[_TRIP] = now_s
 
     def command(self, command: Command, source: str, team: bool = False, given: Given = JUST_NOW) -> str:
@@ -283,7 +283,7 @@ class MissionRun:
         self.limits[limit] = reason
 
     def end_early(self, reason: str) -> None:
-        """Ends a running mission before its last leg: the vehicle does what it does at the end."""
+        """Ends a running mission before its last leg, with the vehicle's action at the mission's end."""
         if self._state is RunState.RUNNING and not self._paused:
             self._apply(Command.END, reason)
 

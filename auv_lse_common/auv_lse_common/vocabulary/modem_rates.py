@@ -29,11 +29,11 @@ RATES = {
     5: PacketRate(8, 256, 5300.0),
 }
 
-#: What a packet takes besides its data: probe, header and equalizer training (s). With it a 252-byte packet at rate 4
-#: takes 2.00 s, the "about 2 s" of the field.
+#: Time (s) of a packet besides its data: probe, header and equalizer training. With it a 252-byte packet at rate 4
+#: takes 2.00 s, which agrees with "about 2 s" in the field.
 PACKET_OVERHEAD_S = 0.45
 
-#: What a mini-packet takes, 13 bits and a checksum at 80 bit/s (s).
+#: Time (s) of a mini-packet, 13 bits and a checksum at 80 bit/s.
 MINI_PACKET_S = 0.9
 
 

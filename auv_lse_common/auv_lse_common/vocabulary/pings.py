@@ -1,4 +1,4 @@
-"""Combines pings to soundings, for simulated and real vehicles.
+"""Combines pings into soundings, for simulated and real vehicles.
 
 A ping is a row of stamp (s), north, east (m) and water depth (m, positive down), optionally followed by the raw north
 and east (m). Pings without an echo have no row. The pings of each period of `every_s` (from 0 s) give one sounding:

@@ -104,10 +104,9 @@ class Tour:
 
         Each segment leads from the end of the previous rounded one to the position where the polyline first is a
         segment's length away. So rounding errors of bearings do not accumulate: every waypoint except the last is
-        within pi / 256
-        of a segment's length (0.6 m for 47 m) of the polyline. Segments cut corners, so the tour is shorter than the
-        polyline. A rest of at least half a segment becomes a whole one. A polyline that never is a segment's length
-        away becomes one segment, towards its farthest corner.
+        within pi / 256 of a segment's length (0.6 m for 47 m) of the polyline. Segments cut corners, so the tour is
+        shorter than the polyline. A rest of at least half a segment becomes a whole one. A polyline that is never a
+        segment's length away becomes one segment, towards its farthest corner.
 
         Args:
             waypoints_m: Corners of the polyline, including the tour's start: north, east (m), shape (n, 2).

@@ -89,7 +89,7 @@ def _problem(last: Sequence[float], row: Sequence[float]) -> str:
 
 
 def passing(rows: Array) -> tuple[Mask, Counter[str]]:
-    """What a new `SoundingGate` does with a whole survey: mask of the rows that pass, and the counts of the others.
+    """The result of a new `SoundingGate` for a whole survey: mask of the rows that pass, and the counts of the others.
 
     Python looks only at soundings that are implausible after the one before, and at those until the next that passes.
 

@@ -78,7 +78,7 @@ def test_unwritable_journal_is_reported_without_an_error(tmp_path: Path) -> None
     journal.write("step", 1)
     assert not journal.kept
     assert "cannot be written: " in journal.status
-    assert "a restart would lose what the node knows" in journal.status
+    assert "a restart would lose the node's state" in journal.status
     if Path("/dev/full").exists():
         full = Journal(tmp_path / "gp.journal", MISSION)
         number = os.open("/dev/full", os.O_WRONLY)

@@ -13,7 +13,7 @@ from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UntilConfig:
-    """The quality at which a mission ends before its last step; what is omitted is not asked for."""
+    """The quality at which a mission ends before its last step; omitted values are not required."""
 
     found: float | None = parameter(
         None,
@@ -43,7 +43,7 @@ class UntilConfig:
 
     @property
     def text(self) -> str:
-        """What is asked for, in words; "" if nothing is."""
+        """The quality asked for, in words; "" if none is."""
         parts = []
         if self.found is not None:
             parts.append(f"{100.0 * self.found:g} % found")

@@ -72,7 +72,7 @@ class VehicleConfig:
         None,
         unit="km",
         above=0.0,
-        help="way that a full battery lasts, as reports of dives show it; left out: learned under way, unknown to "
+        help="range of a full battery, as in the reports of dives; left out: learned under way, unknown to "
         "check and GO",
     )
     surfacings: int | None = parameter(

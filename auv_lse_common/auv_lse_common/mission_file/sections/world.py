@@ -165,7 +165,7 @@ class AutopilotConfig:
     firmware: str = parameter(
         "ardupilot",
         choices=("ardupilot", "generic"),
-        help="ardupilot: ArduSub, or ArduRover for a vehicle with depth_m 0, as their own simulator shows them; "
+        help="ardupilot: ArduSub, or ArduRover for a vehicle with depth_m 0, modeled on their own simulators; "
         "generic: one that flies the planner's arcs and follows every message",
     )
     origin_height_m: float = parameter(
@@ -301,7 +301,7 @@ class LakeConfig:
 
     def in_area(self, north_m: Sequence[float], east_m: Sequence[float]) -> LakeConfig:
         """The lake with the window of an area where none is given: its rectangle, but neither too small for a lake nor
-        so large that the lake takes minutes. An area within the default window leaves that as it is.
+        so large that the lake takes minutes. An area within the default window does not change it.
 
         Args:
             north_m: North of the area's corners.
