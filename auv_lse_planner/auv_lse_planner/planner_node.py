@@ -77,7 +77,7 @@ class PlannerNode(VehicleNode):
             apply=self._tune,
         )
         self._published = 0
-        self._finish_kept = False  # in the journal
+        self._finish_journaled = False  # in the journal
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._planning_s = 0.0
         self._end_reports = Periodic(_END_PERIOD_S)
@@ -116,13 +116,13 @@ class PlannerNode(VehicleNode):
                 stamp_s, vehicle, plan = values
                 self._planner.receive_plan(stamp_s, vehicle, Plan.from_mapping(plan))
             elif kind == "finished":
-                self._finish_kept = True
+                self._finish_journaled = True
         if decided is not None:
             self._planner.restore(decided[0])
         if judged is not None:
             self._planner.until.restore(judged)
         known = self._planner.decided
-        self._planner.resume_at(self.state.values.get("decided", 0), self._finish_kept)
+        self._planner.resume_at(self.state.values.get("decided", 0), self._finish_journaled)
         if self.state.rebooted:
             self._planner.forget_clock()
         if self._planner.decided > known:
@@ -142,8 +142,8 @@ class PlannerNode(VehicleNode):
     def _on_odometry(self, odometry: Odometry) -> None:
         self._intake.set_odometry(odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
 
-    def _on_corrected(self, location: CorrectedPosition) -> None:
-        self._intake.set_corrected(location)
+    def _on_corrected(self, position: CorrectedPosition) -> None:
+        self._intake.set_corrected(position)
 
     def _on_centers(self, report: CentersReport) -> None:
         centers = Centers(report.locations_m, report.depths_m, report.noise_std_m, report.position_effect_m)
@@ -182,8 +182,8 @@ class PlannerNode(VehicleNode):
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
             self.state.write({"decided": self._planner.decided})  # saved before it is published
             self._publish(now_s, decision)
-        if self._planner.finished and not self._finish_kept:
-            self._finish_kept = True
+        if self._planner.finished and not self._finish_journaled:
+            self._finish_journaled = True
             self.journal.write("finished")
         if self._intake.end_unreported and self._end_reports.is_due(now_s):
             self._end_reports.done(now_s)

@@ -28,7 +28,7 @@ from auv_lse_planner.safety import Safety
 _DIAGNOSTICS_PERIOD_S = 10.0
 #: Without lockstep the state is republished after this time (s), for readers that missed it or started late.
 _HEARTBEAT_S = 1.0
-#: How long (s) the watch waits for a slow disk. The state is in memory by then, so a restarted node knows it.
+#: Time (s) for which the watch waits for a slow disk. The state is in memory by then, for a restarted node.
 _DISK_WAIT_S = 0.2
 #: Period (s) at which the node notes that it takes commands; after a pause, time (s) for delayed commands to arrive.
 _LISTENING_PERIOD_S, _BACKLOG_S = 0.5, 3.0

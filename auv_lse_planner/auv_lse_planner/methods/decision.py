@@ -54,7 +54,7 @@ class BoundRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statistics:
-    """How a decision was found.
+    """Statistics of the search for a decision.
 
     Attributes:
         team_locations: Number of locations ahead on team mates' plans.

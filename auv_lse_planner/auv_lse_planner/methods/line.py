@@ -5,7 +5,7 @@ map's risk. Every choice must satisfy E(chosen) >= E(incumbent) - budget, where 
 by the mission's end. The first incumbent is the best naive path, so the mission is never expected to locate less than
 the fitted lanes.
 
-E assumes that the rest of a plan is travelled as it is, although a vehicle that finds the line will follow it. So among
+E assumes that the rest of a plan is travelled unchanged, although a vehicle that finds the line follows it. So among
 the plans that the budget allows, the one whose next legs have the largest score wins (`_next_legs`): the benefit of
 search (`reward/path.py`) as a share of the largest possible, plus `LOCATED` times the length of the estimated isobath
 that they locate per length travelled. The benefit leads to where the line may be. On flat ground near the level it is

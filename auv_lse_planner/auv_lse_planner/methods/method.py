@@ -274,7 +274,7 @@ class SurfacingValue:
 
     @property
     def pays(self) -> bool:
-        """Whether it gains more than it costs."""
+        """Whether the surfacing gains more than it costs."""
         return self.gain > self.cost
 
 

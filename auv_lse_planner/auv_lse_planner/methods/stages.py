@@ -79,7 +79,7 @@ class Stages:
         return self._end >= self._steps
 
     def rest(self) -> RemainingTour:
-        """What follows the stage."""
+        """The rest of the mission after the stage."""
         first = max(self._end - self._line_step, 0)
         return RemainingTour(self._end, self._line_m[first + 1 : self._steps - self._line_step + 1], self._drop)
 

@@ -206,7 +206,7 @@ class Tour(Method):
 
     def _margin_shortfall_m2(self, s: Situation, path: PlannedPath) -> float:
         """Sum of the squared clearances (m^2) that a path's next legs lack for the present uncertainty of the
-        location."""
+        position."""
         if not s.margin.is_wider(self.context.space):
             return 0.0
         return s.margin.shortfall_m2(self.context.space, self.context.map_locations(path)[:LEGS].reshape(-1, 2))[0]

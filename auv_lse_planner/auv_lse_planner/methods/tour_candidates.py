@@ -52,8 +52,8 @@ FIRST_ITERATIONS = 100
 FAR_BEHIND = 0.003
 #: Iterations of optimizing each route of a single vehicle.
 ROUTE_ITERATIONS = 10
-#: Starts are bent for the mission's end in this many rounds, each of which keeps one in so many starts; iterations of
-#: each bend. Then the best is bent again, with as many locations per leg as its value uses.
+#: Rounds in which starts are bent for the mission's end; each keeps one start of this many; iterations of each bend.
+#: Then the best is bent this often, with as many locations per leg as its value uses.
 START_BENDS, KEPT_ONE_OF, START_BEND_ITERATIONS = 3, 3, 40
 FINER_BENDS = 2
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The

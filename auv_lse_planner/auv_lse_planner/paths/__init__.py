@@ -1,1 +1,1 @@
-"""Where a vehicle can go: motion primitives, free space, naive paths."""
+"""Paths that a vehicle can travel: motion primitives, free space, naive paths."""

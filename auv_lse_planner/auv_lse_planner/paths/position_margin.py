@@ -72,7 +72,7 @@ class PositionMargin:
     covariance_m2: Array = field(default_factory=EXACT.copy)
 
     def is_wider(self, space: FreeSpace) -> bool:
-        """Whether it exceeds `area.margin_m` in any direction."""
+        """Whether the margin exceeds `area.margin_m` in any direction."""
         return float(np.linalg.eigvalsh(self.covariance_m2)[-1]) > space.margin_m**2
 
     def shortfall_m2(self, space: FreeSpace, locations_m: Array, room_m: float = 0.0) -> tuple[float, Array]:

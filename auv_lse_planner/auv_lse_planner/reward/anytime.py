@@ -193,7 +193,7 @@ class AnytimeReward:
         other = copy.copy(self)
         other._weighting = weighting
         other._exact = self._exact.weighted_by(other._weighting)
-        other._rough = self._coarsely().weighted_by(other._weighting)
+        other._rough = self._coarse_drop().weighted_by(other._weighting)
         return other
 
     def _drop(
@@ -237,18 +237,18 @@ class AnytimeReward:
         locations = np.asarray(locations_m, dtype=float).reshape(-1, 2)
         if self.legs and (len(locations) % self.legs or not len(locations)):
             raise ValueError(f"locations_m: {len(locations)} locations cannot be divided evenly among {self.legs} legs")
-        return self._coarsely().weighted_and_gradient(*self._timed(locations.reshape(max(self.legs, 1), -1, 2)))
+        return self._coarse_drop().weighted_and_gradient(*self._timed(locations.reshape(max(self.legs, 1), -1, 2)))
 
     def coarse_value(self, locations_m: Array) -> float:
         """The value of `value_and_gradient` alone."""
         locations = np.asarray(locations_m, dtype=float).reshape(-1, 2)
-        return self._coarsely().weighted(*self._timed(locations.reshape(max(self.legs, 1), -1, 2)))
+        return self._coarse_drop().weighted(*self._timed(locations.reshape(max(self.legs, 1), -1, 2)))
 
     def risk_near(self, locations_m: Array) -> float:
         """Risk before the first leg within `NEAR_M` of locations (P, 2): a fast estimate of their benefit."""
-        return self._coarsely().risk_near(np.asarray(locations_m, dtype=float).reshape(-1, 2))
+        return self._coarse_drop().risk_near(np.asarray(locations_m, dtype=float).reshape(-1, 2))
 
-    def _coarsely(self) -> _ExpectedRiskDrop:
+    def _coarse_drop(self) -> _ExpectedRiskDrop:
         if self._rough is None:
             schedule = _Schedule.of(self._weighting, min(GRADIENT_CHECKPOINTS, -(-self.legs // CHECKPOINT_LEGS)))
             self._rough = self._drop(

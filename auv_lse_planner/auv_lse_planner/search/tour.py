@@ -3,9 +3,8 @@
 The measurement locations lie at fixed arc lengths along the polyline from the vehicle through the waypoints: p_i = P((i
 - 1/2) leg / n). They avoid the corners, which the steered path cuts. The polyline ends with the mission, so its length
 needs no penalty: an early detour costs the reward of the last legs. For a location at arc length a, let w_k be the
-corner before it, S_k the arc length of that corner, u_k and l_k the direction and length of the segment, and t = (a -
-S_k) /
-l_k. Then
+corner before it, S_k the arc length of that corner, u_k and l_k the direction and length of the segment, and
+t = (a - S_k) / l_k. Then
 
     p = w_k + (a - S_k) u_k,    dp = (1 - t) dw_k + t dw_k+1  across u_k, dw_k - u_k dS_k along it,
 
@@ -88,7 +87,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Deformation:
-    """How the variables of an optimization deform a polyline.
+    """The deformation of a polyline by the variables of an optimization.
 
     Attributes:
         first: Initial variables, of order 1.

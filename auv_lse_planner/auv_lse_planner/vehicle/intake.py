@@ -68,9 +68,9 @@ class PlannerIntake:
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
         self._recent_odometry.append((stamp_s, north_m, east_m))
 
-    def set_corrected(self, location: CorrectedPosition) -> None:
+    def set_corrected(self, position: CorrectedPosition) -> None:
         """Queues the vehicle's corrected position in the map; its offset is computed from odometry of the same time."""
-        self._corrected = location
+        self._corrected = position
 
     def set_run_status(self, status: RunStatus) -> None:
         """Queues the mission's state; replaces a queued one."""
@@ -115,12 +115,12 @@ class PlannerIntake:
 
         `take` calls this too. Call it directly if the corrected position is computed after `take`.
         """
-        location = self._corrected
-        if location is None:
+        position = self._corrected
+        if position is None:
             return
         for odometry_s, own_north_m, own_east_m in reversed(self._recent_odometry):
-            if abs(odometry_s - location.stamp_s) < STAMP_TOLERANCE_S:
-                covariance_m2 = np.array(location.covariance)[1:, 1:]
-                self.planner.set_map_offset(location.north_m - own_north_m, location.east_m - own_east_m, covariance_m2)
+            if abs(odometry_s - position.stamp_s) < STAMP_TOLERANCE_S:
+                covariance_m2 = np.array(position.covariance)[1:, 1:]
+                self.planner.set_map_offset(position.north_m - own_north_m, position.east_m - own_east_m, covariance_m2)
                 self._corrected = None
                 return

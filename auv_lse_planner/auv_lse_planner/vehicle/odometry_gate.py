@@ -1,6 +1,6 @@
 """Rejects odometry positions that the vehicle cannot have reached since the last accepted one.
 
-A fix after a long dive moves the location permanently, so `CONSISTENT_LOCATIONS` consistent locations in a row pass.
+A fix after a long dive moves the position permanently, so `CONSISTENT_POSITIONS` consistent positions in a row pass.
 """
 
 import math
@@ -9,40 +9,39 @@ import math
 MAX_SPEED_RATIO = 3.0
 #: Margin (m) added to the distance covered at that speed.
 MARGIN_M = 30.0
-#: Consistent locations in a row that are accepted despite a jump.
-CONSISTENT_LOCATIONS = 4
+#: Number of consistent positions in a row that are accepted despite a jump.
+CONSISTENT_POSITIONS = 4
 
-Location = tuple[float, float, float]
+Position = tuple[float, float, float]
 
 
 class OdometryGate:
-    """Checks the locations of one vehicle in the order of arrival.
+    """Checks the positions of one vehicle in the order of arrival.
 
     Attributes:
-        jumps: Number of locations rejected.
+        jumps: Number of positions rejected.
     """
 
     def __init__(self, speed_mps: float) -> None:
         self.jumps = 0
         self._speed_mps = speed_mps
-        self._last: Location | None = None
-        self._refused: Location | None = None
+        self._last: Position | None = None
+        self._refused: Position | None = None
         self._in_a_row = 0
 
     def passes(self, stamp_s: float, north_m: float, east_m: float) -> bool:
-        """Whether the location is reachable from the last accepted one, or the last of `CONSISTENT_LOCATIONS` in a
-        row."""
-        location = (stamp_s, north_m, east_m)
-        if self._last is not None and not self._follows(self._last, location):
-            agrees = self._refused is not None and self._follows(self._refused, location)
+        """Whether the position can be reached from the last accepted one, or is consistent with those before it."""
+        position = (stamp_s, north_m, east_m)
+        if self._last is not None and not self._follows(self._last, position):
+            agrees = self._refused is not None and self._follows(self._refused, position)
             self._in_a_row = self._in_a_row + 1 if agrees else 1
-            self._refused = location
-            if self._in_a_row < CONSISTENT_LOCATIONS:
+            self._refused = position
+            if self._in_a_row < CONSISTENT_POSITIONS:
                 self.jumps += 1
                 return False
-        self._last, self._refused, self._in_a_row = location, None, 0
+        self._last, self._refused, self._in_a_row = position, None, 0
         return True
 
-    def _follows(self, last: Location, location: Location) -> bool:
-        moved_m = math.hypot(location[1] - last[1], location[2] - last[2])
-        return moved_m <= MAX_SPEED_RATIO * self._speed_mps * abs(location[0] - last[0]) + MARGIN_M
+    def _follows(self, last: Position, position: Position) -> bool:
+        moved_m = math.hypot(position[1] - last[1], position[2] - last[2])
+        return moved_m <= MAX_SPEED_RATIO * self._speed_mps * abs(position[0] - last[0]) + MARGIN_M

@@ -50,14 +50,14 @@ def of_counts(totals: Mapping[str, int], recent: Mapping[str, int]) -> dict[str,
     """
     texts = {
         "odometry impossible": "odometry: {} messages ignored: not finite, or more than 1000 km from the origin",
-        "odometry jumps": "odometry: {} locations rejected because the vehicle cannot have reached them",
+        "odometry jumps": "odometry: {} positions rejected because the vehicle cannot have reached them",
         "plans refused": "team: {} received plans could not be rebuilt and were ignored",
         "leg timeouts": "travel: {} legs timed out before the vehicle passed their end; continued with the next leg",
     }
     return {key: text.format(f"{recent[key]} (of {totals[key]})") for key, text in texts.items() if recent.get(key)}
 
 
-def of_location(travel: Travel, space: FreeSpace, map_offset_m: Array) -> dict[str, str]:
+def of_position(travel: Travel, space: FreeSpace, map_offset_m: Array) -> dict[str, str]:
     """The problem of a vehicle outside the area; empty inside, margin included, or without an estimate.
 
     Args:
@@ -71,9 +71,9 @@ def of_location(travel: Travel, space: FreeSpace, map_offset_m: Array) -> dict[s
     )
     outside_m = -clearance_m - space.margin_m
     if clearance_m < -HOLD_BEYOND_M:
-        found["outside"] = f"location: {outside_m:.0f} m outside the area, more than {HOLD_BEYOND_M:.0f} m: holding"
+        found["outside"] = f"position: {outside_m:.0f} m outside the area, more than {HOLD_BEYOND_M:.0f} m: holding"
     elif outside_m > 0.0:
-        found["outside"] = f"location: {outside_m:.1f} m outside the area: returning"
+        found["outside"] = f"position: {outside_m:.1f} m outside the area: returning"
     return found
 
 

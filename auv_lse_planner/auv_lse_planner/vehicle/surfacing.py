@@ -1,13 +1,13 @@
 """Decides when a vehicle surfaces for a fix: when the fix gains more than the skipped legs are worth.
 
 Dead reckoning errs by a rotation and a scale about the start, so a fix far from the start is the most informative. It
-corrects the locations of earlier and later soundings. A vehicle considers a surfacing only if all of these hold:
+corrects the positions of earlier and later soundings. A vehicle considers a surfacing only if all of these hold:
 
-- At least the share `FIRST` of the mission is over. Each vehicle of a team waits longer than the previous one by the
-  share `TURN`: ranges pass one vehicle's fix on to all, which reduces the gain of the next fix.
+- At least `FIRST_SHARE` of the mission is over. Each vehicle of a team waits longer than the previous one, by
+  `TURN_SHARE`: ranges pass one vehicle's fix on to all, which reduces the gain of the next fix.
 - The leg's end is farther from the start than the next `LEGS_AHEAD` legs of the plan.
 - A leg is left after it: a mission ends with its last leg, and would not wait for the fix.
-- At least the share `NEXT` of the mission has passed since its last surfacing, because a fix changes the map only after
+- At least `NEXT_SHARE` of the mission has passed since its last surfacing, because a fix changes the map only after
   some time.
 
 `reward/fix.py` computes the gain. The cost is the planned reward of the legs that no longer fit at the mission's end.
@@ -25,7 +25,7 @@ from auv_lse_planner.methods.method import Followed
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 
 #: Shares of the mission: before vehicle 1's first surfacing, delay of each further vehicle, and between two surfacings.
-FIRST, TURN, NEXT = 0.3, 0.1, 0.2
+FIRST_SHARE, TURN_SHARE, NEXT_SHARE = 0.3, 0.1, 0.2
 #: Number of different delays; vehicles with higher numbers reuse them in turn.
 TURNS = 3
 #: Legs of the plan that must not lead farther from the start than the current leg.
@@ -47,7 +47,7 @@ class Surfacings:
         self.done = 0
         self._steps = steps
         self._start_m = np.array([config.start_north_m, config.start_east_m])
-        self._earliest = round((FIRST + TURN * ((vehicle - 1) % TURNS)) * steps)
+        self._earliest = round((FIRST_SHARE + TURN_SHARE * ((vehicle - 1) % TURNS)) * steps)
 
     def is_considered(self, path: PlannedPath) -> bool:
         """Whether to consider a surfacing at the end of the first leg of `path`, a path to the mission's end."""
@@ -61,7 +61,7 @@ class Surfacings:
     def record(self, step: int) -> None:
         """Records a surfacing at the end of the leg to mission step `step`."""
         self.done += 1
-        self._earliest = step + round(NEXT * self._steps)
+        self._earliest = step + round(NEXT_SHARE * self._steps)
 
     def snapshot(self) -> list[int]:
         """Number of surfacings decided and earliest step of the next one, for a journal."""

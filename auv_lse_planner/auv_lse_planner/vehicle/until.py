@@ -57,7 +57,7 @@ class Until:
         self.horizon.extend(step)
 
     def hear(self, now_s: float, mate: int, reached: bool) -> None:
-        """Records what a mate's packet announced, received at `now_s` (s)."""
+        """Records whether a mate's packet, received at `now_s` (s), announced the quality."""
         self._heard[mate] = now_s, reached
 
     def agreed(self, now_s: float) -> bool:

@@ -13,7 +13,7 @@ Theory of operation.
 - *Early end.* With `mission.until` the leg after the team's agreement is the last one (`until.py`).
 - *Hold.* Steps are counted only while the mission is running (`set_blocked`). While it waits or holds, no decision is
   made and the current leg's timer is paused.
-- *Frames.* Plans are made in the map's frame, whose locations may be corrected and so differ from odometry
+- *Frames.* Plans are made in the map's frame, whose positions may be corrected and so differ from odometry
   (`set_map_offset`). Legs are passed to the vehicle in its odometry frame (`in_odometry_frame`).
 - The method decides (`methods/method.py`); this module writes the bound record. A decision always yields a leg; if no
   action is feasible, it is the escape (`free_space.py`).
@@ -167,7 +167,7 @@ class VehiclePlanner:
         return self.until.judged(now_s, quality, self._travel.decided, is_current)
 
     def set_map_offset(self, north_m: float, east_m: float, covariance_m2: Array | None = None) -> None:
-        """Sets the offset from odometry to map coordinates (m), and the covariance (2, 2) of the location in the
+        """Sets the offset from odometry to map coordinates (m), and the covariance (2, 2) of the position in the
         map."""
         if math.isfinite(north_m) and math.isfinite(east_m):
             self._map_offset_m = np.array([0.0, north_m, east_m])
@@ -214,7 +214,7 @@ class VehiclePlanner:
         """Texts about current problems, by problem key (`problems.py`)."""
         started = now_s >= self.settings.vehicle.start_delay_s
         found = problems.of_odometry(now_s, self._travel, self.planner, started)
-        found |= problems.of_location(self._travel, self.space, self._map_offset_m)
+        found |= problems.of_position(self._travel, self.space, self._map_offset_m)
         found |= problems.of_map(now_s, self._map_s, self._map_refused, self.planner)
         if started:
             travelled_s = self._travel.decided * self.motion.leg_length_m / self.settings.vehicle.speed_mps
@@ -255,7 +255,7 @@ class VehiclePlanner:
         method = self._method  # created before the map is updated, because it may bound the map's size
         evaluates = method.evaluates(step, self.planner) or bool(last and self._surfacings.is_considered(last.path))
         self._take_centers(state, evaluates)
-        self._keep_off_shallows(state, evaluates)
+        self._block_shallows(state, evaluates)
         situation = Situation(
             planner=self.planner,
             now_s=now_s,
@@ -459,7 +459,7 @@ class VehiclePlanner:
             window.update()
         self._map_refused = window.refused
 
-    def _keep_off_shallows(self, state: Array, evaluates: bool) -> None:
+    def _block_shallows(self, state: Array, evaluates: bool) -> None:
         """Blocks ground that the map shows as too shallow, within reach of legs planned from `state`."""
         if not len(self._context.window.centers):
             return

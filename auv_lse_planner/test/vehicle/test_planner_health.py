@@ -69,7 +69,7 @@ def test_odometry_jump_is_reported_only_while_recent():
     own.odometry(2.0, 0.0, 900.0, 10.0)
     own.odometry(3.0, math.nan, 10.0, 10.0)
     found = own.problems(3.0)
-    assert found["odometry jumps"].startswith("odometry: 1 (of 1) locations rejected")
+    assert found["odometry jumps"].startswith("odometry: 1 (of 1) positions rejected")
     assert found["odometry impossible"].startswith("odometry: 1 (of 1) messages ignored")
     own.odometry(4.0, math.nan, 10.0, 10.0)
     assert own.problems(100.0)["odometry impossible"].startswith("odometry: 2 (of 2)")

@@ -43,11 +43,11 @@ def test_location_outside_the_area():
         return planner.problems(0.0).get("outside", "")
 
     assert text(150.0, 0.5) == "", "in the margin, but in the area"
-    assert text(150.0, -4.0) == "location: 4.0 m outside the area: returning"
+    assert text(150.0, -4.0) == "position: 4.0 m outside the area: returning"
     planner.set_map_offset(0.0, 6.0)
     assert text(150.0, -4.0) == "", "its corrected position is in the area"
     planner.set_map_offset(0.0, -6.0)
-    assert text(150.0, 4.0) == "location: 2.0 m outside the area: returning"
+    assert text(150.0, 4.0) == "position: 2.0 m outside the area: returning"
 
 
 def test_rejected_or_old_map():
