@@ -45,7 +45,7 @@ _REACH = "RNGFND1_MAX_CM (RNGFND1_MAX since 4.8)"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckOptions:
-    """What is checked.
+    """The options of a check.
 
     Attributes:
         mission: Whether missions are uploaded, which takes another flight mode.
@@ -159,7 +159,7 @@ class AutopilotCheck:
 
     @property
     def farewell(self) -> str:
-        """What the vehicle does when this check ends and its heartbeats stop; "" if that is unknown."""
+        """The vehicle's reaction when this check ends and its heartbeats stop; "" if that is unknown."""
         return after_silence(self._setting, self.parameters.values)
 
     def fly(self, now_s: float) -> str:
@@ -230,7 +230,7 @@ class AutopilotCheck:
                 self.ask()
 
     def findings(self) -> list[Finding]:
-        """What was seen, and what is missing."""
+        """The findings: what was seen or is missing."""
         if not self.heard:
             others = ", ".join(map(str, sorted(self._others)))
             text = f"no heartbeat of system {self._system} (link.autopilot_system_id, or the vehicle's number)"

@@ -116,7 +116,7 @@ class VehicleLink:
         self._heard_utc_s = -math.inf
         self._attitude: Message | None = None
         self._position: AutopilotEstimate | None = None
-        self._problem = (0.0, "")  # how long (s) the autopilot has refused or ignored its targets, and how
+        self._problem = (0.0, "")  # time (s) for which the autopilot has refused or ignored its targets, and how
         self._raw, self._raw_in = RawTrack(), self.datum
 
     # ------------------------------------------------------------------ calls of the owner
@@ -243,7 +243,7 @@ class VehicleLink:
 
     @property
     def problem(self) -> tuple[float, str]:
-        """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" if it follows them."""
+        """Time (s) for which the autopilot has refused or ignored its targets, and how; 0, "" if it follows them."""
         return self._problem
 
     @property

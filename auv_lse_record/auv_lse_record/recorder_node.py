@@ -157,7 +157,7 @@ class RecorderNode(BaseNode):
                 self._write_held()
                 if self._is_foreign(found, dive_in(data)):
                     return
-            if limited and not self._takes(topic, len(data)):
+            if limited and not self._is_within_limit(topic, len(data)):
                 return
             self._written_ns = stamp_ns
             if not rationed:
@@ -168,7 +168,7 @@ class RecorderNode(BaseNode):
 
         return write
 
-    def _takes(self, topic: str, size: int) -> bool:
+    def _is_within_limit(self, topic: str, size: int) -> bool:
         """Whether a message of `record.topics` is recorded; logs once that the limit is reached."""
         before = self._extra.problem
         taken = self._extra.take(topic, size)

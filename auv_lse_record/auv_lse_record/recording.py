@@ -94,7 +94,7 @@ def recording_in(path: Path) -> Path:
                 f"{path} is not a recording. Name a run folder, a rosbag2 directory, or its {' or '.join(STORAGES)}"
             )
         return path
-    if own := _whole_or_alone(path):
+    if own := _bag_or_file(path):
         return own
     parts = parts_of(path)
     if parts != [path]:
@@ -116,15 +116,15 @@ def parts_of(recording: Path) -> list[Path]:
     A recorder that is restarted, as after a reboot in mid-dive, begins the next one: bag, bag-2, ... Empty ones
     are left out.
     """
-    if recording.is_file() or _whole_or_alone(recording):
+    if recording.is_file() or _bag_or_file(recording):
         return [recording]
     folders = (folder for folder in recording.glob("bag*") if re.fullmatch(r"bag(-\d+)?", folder.name))
     ordered = sorted(folders, key=lambda folder: int(folder.name[4:] or 1))
-    parts = [part for folder in ordered if (part := _whole_or_alone(folder))]
+    parts = [part for folder in ordered if (part := _bag_or_file(folder))]
     return [part for part in parts if part.is_dir() or part.stat().st_size] or parts or [recording]
 
 
-def _whole_or_alone(folder: Path) -> Path | None:
+def _bag_or_file(folder: Path) -> Path | None:
     """A folder with `metadata.yaml`, else its only file of messages; None if there is neither."""
     if (folder / "metadata.yaml").is_file():
         return folder
@@ -133,7 +133,7 @@ def _whole_or_alone(folder: Path) -> Path | None:
 
 
 @contextmanager
-def _each_definition_parsed_once() -> Iterator[None]:
+def _parse_definitions_once() -> Iterator[None]:
     """Lets rosbags parse each definition once, not for every topic that has it: a recording opens in half the time."""
     from rosbags.highlevel import anyreader
 
@@ -177,7 +177,7 @@ class Recording:
             ) from None
         try:
             self._reader = AnyReader(parts_of(self.path))
-            with _each_definition_parsed_once():
+            with _parse_definitions_once():
                 try:
                     self._reader.open()
                 except AnyReaderError:  # perhaps it has no definitions; these take a tenth of a second to load

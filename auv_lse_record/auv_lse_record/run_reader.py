@@ -166,7 +166,7 @@ def _run_in(
     last_s = 0.0
     for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS, optional=_NOTES):
         logs.setdefault(vehicle, _Log()).add(topic.name, value)
-        if topic.writer:  # anybody may publish health, with any clock
+        if topic.writer:  # any node may publish health, with any clock
             last_s = max(last_s, stamp_s)
     if not logs:
         raise RecordingError(f"{recording.path} has no topic /auvN/...: it is not the recording of a mission.")

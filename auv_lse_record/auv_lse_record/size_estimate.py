@@ -16,7 +16,7 @@ from auv_lse_common.mission_file.settings import Settings
 
 #: A recording begins with the definitions of its messages (MB).
 START_MB = 0.15
-#: What a vehicle records each second beside maps: positions, soundings, packets, plans, health, and the index (B).
+#: Bytes that a vehicle records each second beside maps: positions, soundings, packets, plans, health, and the index.
 BASE_BYTES_PER_S = 700.0
 #: A published map with its isobath and kernel centers, for each cell (B), and the shares that compression leaves of
 #: cells without and with a sounding within a length scale.

@@ -24,7 +24,7 @@ STREAMS = {
     "RAW_SENS": ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"),
     "EXT_STAT": ("SYS_STATUS", "GPS_RAW_INT", "MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT"),
 }
-#: What a lost ground station or an alarm makes the vehicle do, by value; and whether that is safe.
+#: The vehicle's reaction to a lost ground station or an alarm, by value; and whether that is safe.
 _SUB_GCS = {
     0.0: (False, "the vehicle goes on to its target and stays there under water"),
     1.0: (False, "the vehicle only reports it, goes on to its target and stays there under water"),
@@ -119,7 +119,7 @@ def rules(setting: Setting) -> tuple[Rule, ...]:
 
 
 def after_silence(setting: Setting, values: Mapping[str, float]) -> str:
-    """What an ArduPilot does once this stack's heartbeats stop, by its parameters; "" if that is unknown."""
+    """An ArduPilot's reaction when this stack's heartbeats stop, by its parameters; "" if that is unknown."""
     value = values.get("FS_GCS_ENABLE")
     if value is None or setting.kind[0] != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
         return ""

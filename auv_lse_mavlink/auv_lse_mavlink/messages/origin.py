@@ -82,11 +82,11 @@ class OriginExchange:
         if not self._is_lost:
             self.contradiction, self._contradicts_s = "", math.nan
         if rebooted:
-            self._lose("the autopilot rebooted")
+            self._mark_lost("the autopilot rebooted")
         self._refused = None
         self._asked_s = -math.inf
 
-    def _lose(self, why: str) -> None:
+    def _mark_lost(self, why: str) -> None:
         """Marks positions as unusable if there is no mission origin to show how far the local frame has moved."""
         if self.datum.mission is None and self.has_targets:
             self._is_lost = True
@@ -157,7 +157,7 @@ class OriginExchange:
             self._refuse(origin, offset_m)
             return
         if self.datum.autopilot is not None:
-            self._lose("the autopilot has another origin")
+            self._mark_lost("the autopilot has another origin")
         self.datum = datum
         self._refused = None
         if self.datum.mission is not None and offset_m > ORIGIN_TOLERANCE_M:

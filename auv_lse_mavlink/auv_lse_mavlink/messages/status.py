@@ -89,5 +89,5 @@ class AutopilotStatus:
         return text
 
     def leaks(self, now_s: float) -> bool:
-        """Whether it has reported a leak lately."""
+        """Whether the autopilot has recently reported a leak."""
         return now_s - self._leak_s < LEAK_REPORTED_S

@@ -3,7 +3,7 @@
 With a key every message is signed (https://mavlink.io/en/guide/message_signing.html). Received messages without a
 signature, with another key, or received before count as bad.
 
-A codec that has just started does not know what was received before, so recorded messages could be replayed to it. It
+A codec that has just started has no record of received messages, so recorded ones could be replayed to it. It
 therefore sends a nonce in a TIMESYNC request. A sender's messages count from its answer with that nonce on, which no
 recording contains. Nothing has to be remembered across restarts.
 """
@@ -30,7 +30,7 @@ SIGNING_EPOCH_S, SIGNING_PARTS = 1_420_070_400.0, 100_000
 #: Sizes of a key and of a signature in bytes.
 KEY_BYTES = 32
 _SIGNATURE_BYTES, _SIGNATURE_BLOCK_BYTES = 6, 13
-#: Where a MAVLink 2 message has its number and its payload, and TIMESYNC's payload the requester's time, `ts1`.
+#: Positions of the number and the payload in a MAVLink 2 message, and of the requester's time, `ts1`, in TIMESYNC's.
 _NUMBER, _PAYLOAD_FROM, _TS1 = slice(7, 10), 10, slice(8, 16)
 
 

@@ -1,4 +1,4 @@
-"""When an autopilot needs its position target again.
+"""Decides when an autopilot needs its position target again.
 
 ArduPilot restarts a trajectory from rest with each position target, even if nothing in it has changed. ArduSub at 1 m/s
 that gets its target five times a second travels at 0.02 m/s, and every 5 s at 0.84 m/s. So ArduPilot gets each target

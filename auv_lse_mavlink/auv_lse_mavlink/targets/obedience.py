@@ -109,14 +109,14 @@ class Obedience:
         return dataclasses.replace(position, north_m=north_m, east_m=east_m)
 
     def _is_new(self, target: Target) -> bool:
-        """Whether it leads elsewhere; position corrections move a target by less."""
+        """Whether a target leads elsewhere; position corrections move a target by less."""
         last = self._target
         if last is None or last.at_surface != target.at_surface:
             return True
         return math.dist((last.north_m, last.east_m), (target.north_m, target.east_m)) > self._acceptance_m
 
     def _remains_m(self, target: Target, diving: bool, position: AutopilotEstimate) -> float:
-        """How far (m) the vehicle has to go until it is there; 0 or less if it is."""
+        """Distance (m) that the vehicle has left to its target; 0 or less if it is there."""
         if target.at_surface:
             return position.depth_m - AFLOAT_M
         if diving:

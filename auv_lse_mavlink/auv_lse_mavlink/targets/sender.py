@@ -98,7 +98,7 @@ class TargetSender:
         self.refused_speed = ""
         self._obedience = Obedience(config.acceptance_m, limits.turn_radius_m)
         self._unaccepted_s = math.nan  # time since which the autopilot has not accepted a mission; NaN: it has
-        self._furthest = -1  # the last item that it requested
+        self._last_requested = -1  # the last item that it requested
         self._refusal = ""  # why it refused the last one
 
     @property
@@ -133,7 +133,7 @@ class TargetSender:
         return bool(self._targets) and self._targets[-1].then is None and not self._targets[-1].at_surface
 
     def problem(self, now_s: float) -> tuple[float, str]:
-        """How long (s) the autopilot has refused or ignored its targets, and how; (0, text) if it is only slow."""
+        """Time (s) for which the autopilot has refused or ignored targets, and how; (0, text) if it is only slow."""
         refused_s = now_s - self._unaccepted_s
         if refused_s >= IGNORED_S:
             return refused_s, f"the autopilot takes no mission for {refused_s:.0f} s: {self._refusal or 'no answer'}"
@@ -283,8 +283,8 @@ class TargetSender:
     def requested(self, now_s: float, number: int) -> None:
         """Handles the autopilot's request for an item of the mission."""
         self._upload.request(now_s, number)
-        if not self._refusal and number > self._furthest:  # a long upload may take its time
-            self._furthest, self._unaccepted_s = number, now_s
+        if not self._refusal and number > self._last_requested:  # a long upload may take its time
+            self._last_requested, self._unaccepted_s = number, now_s
         self._watch_upload()
 
     def acknowledged(self, now_s: float, result: int) -> None:
@@ -372,7 +372,7 @@ class TargetSender:
         return surfacing.stage is Stage.OVER
 
     def send(self, now_s: float, boot_ms: int, datum: Datum, own_depth: Callable[[float], float]) -> None:
-        """Sends what is due; call it only if the autopilot is heard and its frame is known.
+        """Sends due messages; call it only if the autopilot is heard and its frame is known.
 
         Args:
             now_s: The host's clock.
@@ -431,7 +431,7 @@ class TargetSender:
         self._target_s = now_s
         if math.isnan(self._unaccepted_s):
             self._unaccepted_s = now_s
-        self._uploading, self._furthest = wanted, -1
+        self._uploading, self._last_requested = wanted, -1
         ardupilot = self._delivery.once
         ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
         items = [
