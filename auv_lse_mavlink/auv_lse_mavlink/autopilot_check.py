@@ -290,10 +290,7 @@ class AutopilotCheck:
         return [*found, Finding(ok=True if sensor_m else None, text=zero.text), Finding(ok=True, text=agrees)]
 
     def _states(self) -> list[Finding]:
-        report, depth = (
-            self.link.report,
-            self.link.gauge.problem(self._now_s),
-        )  # `_depth_findings` reports the depth
+        report, depth = self.link.report, self.link.gauge.problem(self._now_s)  # the latter is already reported
         modes = self._config.modes or obeying_modes(*self._kind, self._options.mission)
         obeys = report.mode in modes if modes else None
         followed = "unknown which modes follow targets: set link.modes"

@@ -102,7 +102,7 @@ class BatteryWatch:
             return ""
         home_m = math.dist((north_m, east_m), self.home_m)
         left = self.use.charge  # one reading may jump, or be missing
-        return f"the battery ({left:.0%}) suffices for the {home_m:.0f} m to the recovery position, and not for more"
+        return f"the battery ({left:.0%}) just suffices for the {home_m:.0f} m to the recovery position"
 
     def values(self, north_m: float, east_m: float) -> dict[str, str]:
         """Diagnostics: the legs that the battery has left, and the range of a full battery once it is learned."""

@@ -77,7 +77,7 @@ class PlannerNode(VehicleNode):
             apply=self._tune,
         )
         self._published = 0
-        self._finish_journaled = False  # in the journal
+        self._finish_journaled = False
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._planning_s = 0.0
         self._end_reports = Periodic(_END_PERIOD_S)

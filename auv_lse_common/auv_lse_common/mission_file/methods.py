@@ -22,7 +22,7 @@ class Family:
 
     Attributes:
         bound_of: The quantity that reward and bound measure: the drop of risk over the whole "map" or at the positions
-                of this vehicle's "path", or the length of the "line" located.
+            of this vehicle's "path", or the length of the "line" located.
         to_the_end: Whether a plan is evaluated to the mission's end, whatever the horizon.
         all_mates: Whether the plans of all team mates count; otherwise only of those with lower numbers (paper).
         positions_per_leg: Least number of positions on each leg at which this vehicle's paths are evaluated.

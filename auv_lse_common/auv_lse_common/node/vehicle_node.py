@@ -67,8 +67,8 @@ class VehicleNode(BaseNode):
 
     Attributes:
         journal: The data that a restarted node continues from. Without lockstep it is kept if the environment names
-                a folder. Parameters that were changed while the node ran are in it, and apply again.
-            state: The few values that must survive a restart, beside the journal.
+            a folder. Parameters that were changed while the node ran are in it, and apply again.
+        state: The few values that must survive a restart, beside the journal.
     """
 
     def __init__(self, name: str, replaced: Collection[str] = ()) -> None:

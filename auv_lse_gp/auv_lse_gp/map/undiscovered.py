@@ -48,7 +48,7 @@ MAX_CENTERS = 1200
 #: Least expected length per area (m per m2) of ground that is listed: 1 m in a cell of 10 m.
 LEAST_DENSITY = 0.01
 #: Cells whose expected depth is more standard deviations off the level are neither in the expected length nor drawn: a
-#: normal depth is so far off with probability 1e-15, and far less than one draw, although their deviations vary.
+#: normal depth is so far off with probability 1e-15; of the draws, whose deviations vary, far less than one is.
 NEAR_STD = 8.0
 #: Approximate largest number of cells.
 MAX_CELLS = 5000

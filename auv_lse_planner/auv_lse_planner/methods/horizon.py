@@ -6,7 +6,7 @@ late. So it plans for the *horizon*, the step at which the share asked for is ex
 - At the start, the legs with which parallel lanes over the whole area are expected to find it (`lanes_share`).
 - In the last `LATE_SHARE` of the horizon, it is extended if the map lacks the quality. The share found is expected to
   grow in proportion to the legs. If extended earlier, a tour would visit the best ground later.
-  - The horizon never lies beyond the mission's last step.
+- The horizon never lies beyond the mission's last step.
 
 A vehicle judges its own map, so horizons differ within a team. Every plan states its legs, so no receiver needs them.
 """
