@@ -55,15 +55,23 @@ def recover(path: Path) -> Recovered:
     if found is None:
         raise _Complete(f"{recording} is complete; nothing to recover")
     torn, new = found.with_name(found.name + _KEPT), found.with_name(found.name + ".new")
-    with _content(found) as data, new.open("wb") as target:
-        messages, nameless, lost = _copy(data, target)
-    if not messages:
-        new.unlink()
-        raise _Empty(f"{found}: no message can be read; the file is unchanged")
-    found.replace(torn)
-    new.replace(found)
-    if len(files) == 1 and recording.is_dir():  # the index beside it counts messages that are lost
-        (recording / _METADATA).replace(recording / (_METADATA + _KEPT))
+    try:
+        with _content(found) as data, new.open("wb") as target:
+            messages, nameless, lost = _copy(data, target)
+        if not messages:
+            raise _Empty(f"{found}: no message can be read; the file is unchanged")
+        found.replace(torn)
+        new.replace(found)
+        if len(files) == 1 and recording.is_dir():  # the index beside it counts messages that are lost
+            (recording / _METADATA).replace(recording / (_METADATA + _KEPT))
+    except OSError as error:
+        raise RecordingError(
+            f"{new}: cannot be written: {error.strerror or error}. Free space, or copy the run folder to another disk "
+            "and recover it there"
+        ) from error
+    finally:
+        with suppress(OSError):  # the part for which there was room
+            new.unlink()
     return Recovered(file=found, messages=messages, lost_bytes=lost, nameless=nameless)
 
 
@@ -87,18 +95,26 @@ def _content(file: Path) -> Iterator[bytes]:
 
 
 def _is_whole(file: Path) -> bool:
-    """Whether every record can be read, up to the marks at the end, and every message by the index."""
+    """Whether every record can be read, up to the marks at the end, and every message by the index.
+
+    Topics and types are described again at the end, where readers look. A description must be the same both times.
+    """
     try:
-        from mcap.records import Footer, Message
+        from mcap.records import Channel, Footer, Message, Schema
     except ImportError as error:
         raise missing(error, "recovering recordings") from error
     end, last, messages = len(MAGIC), None, 0
+    described: dict[tuple[type, int], Channel | Schema] = {}
     with _content(file) as data:
         for piece in whole_pieces(data):
             if piece.start != end:
                 return False
             end, last = piece.end, piece.records[-1] if piece.records else None
-            messages += sum(isinstance(record, Message) for record in piece.records)
+            for record in piece.records:
+                messages += isinstance(record, Message)
+                is_description = isinstance(record, Channel | Schema)
+                if is_description and described.setdefault((type(record), record.id), record) != record:
+                    return False
         if not isinstance(last, Footer) or data[end:] != MAGIC:
             return False
     with suppress(RecordingError), Recording(file) as recording:

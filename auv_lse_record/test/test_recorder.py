@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import resource
 import shutil
 import subprocess
 import sys
@@ -240,6 +241,40 @@ def test_other_files_are_not_recovered(tmp_path: Path, types: Any, capsys: pytes
     written(tmp_path / "bag", types, 3)
     assert main([str(tmp_path / "bag")]) == 0, "as its help says"
     assert "nothing to recover" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("described", [b"/auv1/plan", b"auv_lse_msgs/msg/Plan", b"rosgraph_msgs/msg/Clock", b"sec\n"])
+def test_a_flipped_bit_in_a_repeated_description_is_recovered(tmp_path: Path, types: Any, described: bytes) -> None:
+    """Readers take the topics from the end of a file, where no checksum covers them."""
+    written(tmp_path / "run" / "bag", types, 200)
+    file = tmp_path / "run" / "bag" / "bag.mcap"
+    data = bytearray(file.read_bytes())
+    data[data.rindex(described) + 1] ^= 1
+    file.write_bytes(data)
+    assert recover(tmp_path / "run").messages == 200
+    with Recording(recording_in(tmp_path / "run")) as recording:
+        assert recording.topics["/clock"].kind == "rosgraph_msgs/msg/Clock"
+        assert sum(1 for _ in recording.raw({"/clock"})) == 200
+
+
+def test_a_recording_without_room_for_its_repair_stays_as_it_was(
+    tmp_path: Path, types: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path / "run" / "bag", types, 2000)
+    file = tmp_path / "run" / "bag" / "bag.mcap"
+    file.write_bytes(torn := file.read_bytes()[:-100])
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, most[1]))
+    try:
+        assert main([str(tmp_path / "run")]) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, most)
+    assert capsys.readouterr().err == (
+        f"error: {file}.new: cannot be written: File too large. Free space, or copy the run folder to another disk and "
+        "recover it there\n"
+    )
+    assert sorted(path.name for path in file.parent.iterdir()) == ["bag.mcap", "metadata.yaml"]
+    assert file.read_bytes() == torn
 
 
 @pytest.mark.parametrize("missing", [1, 8, 20, 400])
