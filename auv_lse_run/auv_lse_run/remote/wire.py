@@ -31,7 +31,7 @@ def decoded(line: bytes) -> dict[str, Any]:
     """
     try:
         found = json.loads(line)
-    except ValueError:  # also text that is not UTF-8
+    except (ValueError, RecursionError):  # also text that is not UTF-8
         found = None
     if not isinstance(found, dict):
         raise WireError(f"the other side sent a line that is not a message: {line[:80]!r}")

@@ -72,8 +72,9 @@ def test_a_request_that_makes_no_sense_is_answered(tmp_path: Path) -> None:
     assert "does not know" in session.answer({"ask": "dance"})["error"]
     assert "incomplete" in session.answer({"ask": "install"})["error"]
     assert "is not an order" in session.answer({"ask": "order", "laptop": "a", "number": 1, "verb": "fly"})["error"]
-    with pytest.raises(WireError):
-        decoded(b"[1]")
+    for line in (b"[1]", b"[" * 3000):
+        with pytest.raises(WireError):
+            decoded(line)
 
 
 def test_findings_are_the_lines_of_a_check_that_matter() -> None:

@@ -2,9 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.areas.area_file import read_area
@@ -45,8 +43,8 @@ def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]
 def _wall_s(folder: Path) -> float:
     """The mission's wall-clock time (s) from the folder's summary; NaN without one."""
     try:
-        found: Mapping[str, Any] = json.loads((folder / "summary.json").read_text())
-    except (OSError, ValueError):
+        found = json.loads((folder / "summary.json").read_text())
+    except (OSError, ValueError, RecursionError):
         return math.nan
-    value = found.get("wall_s")
+    value = found.get("wall_s") if isinstance(found, dict) else None
     return float(value) if isinstance(value, int | float) else math.nan

@@ -137,6 +137,7 @@ def test_without_control_and_on_a_recording_no_command_is_taken():
     [
         ({"body": "[]"}, 400, 'send {"mission": text'),
         ({"body": "{"}, 400, 'send {"mission": text'),
+        ({"body": "[" * 3000}, 400, 'send {"mission": text'),
         ({"vehicles": 1}, 400, 'send {"mission": text'),
         ({"command": "go"}, 409, "'go' is not a command; use one of hold, surface, abort"),
         ({"command": ["hold"]}, 409, "is not a command; use one of hold, surface, abort"),

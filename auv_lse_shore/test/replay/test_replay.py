@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pty
 import re
@@ -19,6 +20,7 @@ from auv_lse_record.recording import RecordedTopic, Recording, recording_in
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.replay.keys import Keys, meanings
 from auv_lse_shore.replay.pace import Pace, is_command, last_of_each, select_topics
+from auv_lse_shore.replay.report import _wall_s
 
 main = verb_main("replay")
 
@@ -148,6 +150,12 @@ def test_the_report_is_made_anew_from_the_recording(tmp_path: Path, synthetic_ru
     write_run(run, tmp_path / "at sea")
     assert main([str(tmp_path / "at sea" / "bag"), "--report", "--out", str(tmp_path / "page")]) == 0
     assert json.loads((tmp_path / "page" / "summary.json").read_text())["f1"] is None, "no truth: none is made up"
+
+
+@pytest.mark.parametrize("text", ["[]", "null", "[" * 3000])
+def test_a_damaged_summary_is_made_anew_with_the_report(tmp_path: Path, text: str) -> None:
+    (tmp_path / "summary.json").write_text(text)
+    assert math.isnan(_wall_s(tmp_path))
 
 
 def test_a_terminal_that_is_closed_meanwhile_is_not_restored(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -215,7 +215,7 @@ class CommandHandler(_Guard):
         try:
             wanted = json.loads(self.request.body)
             mission, command, vehicles = wanted["mission"], wanted["command"], list(wanted["vehicles"])
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             self._refuse('send {"mission": text, "command": text, "vehicles": [number, ...]}', 400)
             return
         try:
