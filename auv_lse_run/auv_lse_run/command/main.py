@@ -27,6 +27,7 @@ from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
 from auv_lse_run.command.undisturbed import FULL, tolerant, undisturbed
+from auv_lse_run.process.death import shared_memory_problem
 from auv_lse_run.process.interrupt import first_signal, note_signal, signals_raised
 
 if TYPE_CHECKING:
@@ -292,8 +293,11 @@ def _check_needs(verb: Verb) -> None:
         sys.path.append(str(copy.folder))
         paths = (os.environ.get("PYTHONPATH"), str(copy.folder))  # for the processes that the verb starts
         os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    if NODES[0] in verb.needs and (problem := mixed_versions(PACKAGES)):
-        raise CommandError(f"auv_lse {verb.name}: {problem}")
+    if NODES[0] in verb.needs:
+        if problem := mixed_versions(PACKAGES):
+            raise CommandError(f"auv_lse {verb.name}: {problem}")
+        if problem := shared_memory_problem():  # the kernel may end this process without a word
+            _complain(f"warning: {problem}")
     missing = [package for package in verb.needs if not is_installed(package)]
     if missing:
         cures = "; ".join(f"{package}: {install_command(package)}" for package in missing)

@@ -20,6 +20,7 @@ _CAUSES = {
     "SIGXCPU": "over its limit of processor time (ulimit -t)",
     "SIGXFSZ": "over the limit of file sizes (ulimit -f)",
 }
+_OTHER_BUS_ERROR = "a file in memory became shorter, or its disk failed"
 _CODES = {
     1: "an error in the program",
     2: "it rejects its parameters",
@@ -46,15 +47,18 @@ def cause(code: int, *, hung: bool = False) -> str:
     except ValueError:  # most real-time signals have no name
         return f"signal {-code}"
     if name == "SIGBUS":
-        return f"{name}: {_bus_error()}"
+        return f"{name}: {shared_memory_problem() or _OTHER_BUS_ERROR}"
     if name == "SIGKILL":
         return f"{name}: {_killed(hung)}"
     return f"{name}: {_CAUSES[name]}" if name in _CAUSES else name
 
 
-def _bus_error() -> str:
+def shared_memory_problem() -> str:
+    """Why the libraries of ROS may end a process by SIGBUS as soon as they are loaded; "" if they do not."""
     try:
         disk = shutil.disk_usage(_SHARED)
+    except FileNotFoundError:  # not on macOS
+        return ""
     except OSError:
         return f"{_SHARED}, which DDS needs, cannot be read"
     if disk.free < _LEAST_BYTES:
@@ -62,7 +66,7 @@ def _bus_error() -> str:
             f"{_SHARED}, which DDS needs, is full ({disk.free // 1024} kB of {disk.total // 2**20} MB free); remove "
             "files there, or make it larger"
         )
-    return "a file in memory became shorter, or its disk failed"
+    return ""
 
 
 def _killed(hung: bool) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from auv_lse_run.command.main import main
 from auv_lse_run.process import death
 from auv_lse_run.process.death import cause
 
@@ -23,7 +24,9 @@ for page in range(0, 8 * 2**20, 4096):
 """
 
 
-def test_a_bus_error_on_a_full_file_system_in_memory_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bus_error_on_a_full_file_system_in_memory_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     done = subprocess.run(
         ["mount", "-t", "tmpfs", "-o", "size=1m", "none", str(tmp_path)], capture_output=True, text=True
     )
@@ -33,9 +36,10 @@ def test_a_bus_error_on_a_full_file_system_in_memory_names_it(tmp_path: Path, mo
     try:
         code = subprocess.run([sys.executable, "-c", _FILL, str(tmp_path / "segment")]).returncode
         assert code == -signal.SIGBUS
-        assert cause(code) == (
-            f"SIGBUS: {tmp_path}, which DDS needs, is full (0 kB of 1 MB free); remove files there, or make it larger"
-        )
+        full = f"{tmp_path}, which DDS needs, is full (0 kB of 1 MB free); remove files there, or make it larger"
+        assert cause(code) == f"SIGBUS: {full}"
+        main(["abort", "auv1", "--domain", "x"])
+        assert capsys.readouterr().err.startswith(f"warning: {full}\n"), "loading ROS may end this process"
         (tmp_path / "segment").unlink()
         assert "became shorter" in cause(code)
     finally:
