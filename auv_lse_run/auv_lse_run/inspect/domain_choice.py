@@ -9,10 +9,9 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from auv_lse_common.support.confinement import confine
 from auv_lse_common.support.option_types import positive
 from auv_lse_run.inspect.message_text import FieldError
-from auv_lse_run.process.domain import DomainError, busy_domains, check_own, domain_number, run_on, user_of
+from auv_lse_run.process.domain import DomainError, busy_domains, check_own, confine_to, domain_number, run_on, user_of
 
 
 def add_graph_options(p: argparse.ArgumentParser) -> None:
@@ -44,8 +43,8 @@ def join(wanted: str | None, commands: bool = False) -> int:
         commands: Whether nodes are commanded or changed there, and not only watched.
 
     Raises:
-        DomainError: if it is invalid, if several missions run on this machine and no domain is given, or if the only
-            one is a simulation of another user, to whose vehicles a command would go.
+        DomainError: if it is invalid, if several missions run on this machine and no domain is given, if the only one
+            is a simulation of another user, to whose vehicles a command would go, or as `confine_to`.
     """
     text = wanted or os.environ.get("ROS_DOMAIN_ID")
     busy = busy_domains()
@@ -62,7 +61,7 @@ def join(wanted: str | None, commands: bool = False) -> int:
     else:
         domain = 0
         print("ROS domain 0: no mission of auv_lse mission runs on this machine", file=sys.stderr)
-    confine(domain)
+    confine_to(domain)
     return domain
 
 

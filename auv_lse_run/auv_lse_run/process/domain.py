@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from auv_lse_common.node.dive import SIMULATION, new_dive
-from auv_lse_common.support.confinement import confined
+from auv_lse_common.support.confinement import confine, confined, is_confined
 from auv_lse_common.support.installed_copy import COPY_VARIABLE, own_copy
 
 #: Domains of simulations and replays, and those recommended for vehicles: 80 plus the vehicle's number. The UDP ports
@@ -236,6 +236,17 @@ def domains_with_participants() -> list[int]:
     Ports of higher domains are in Linux's ephemeral range: any program may have them.
     """
     return [domain for domain in range(VEHICLE_DOMAINS[-1] + 1) if has_participants(domain)]
+
+
+def confine_to(domain: int) -> None:
+    """Gives this process the environment of `confined`, to watch or command what runs on `domain`.
+
+    Raises:
+        DomainError: if its traffic stays on this computer, which cannot reach itself.
+    """
+    confine(domain)
+    if is_confined(os.environ) and (problem := loopback_problem()):
+        raise DomainError(problem)
 
 
 def loopback_problem() -> str:

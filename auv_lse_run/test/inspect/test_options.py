@@ -115,7 +115,7 @@ def test_only_what_changes_running_nodes_refuses_another_users_simulation(
     def stop(number: int) -> None:
         raise domain.DomainError(f"joins {number}")
 
-    monkeypatch.setattr(domain_choice, "confine", stop)
+    monkeypatch.setattr(domain_choice, "confine_to", stop)
     with domain.simulator_domain(None) as number:
         monkeypatch.setattr(domain.os, "geteuid", lambda: 54321)
         assert main(words.split()) == 2

@@ -73,8 +73,9 @@ def test_a_vehicle_that_a_simulation_runs_itself_is_refused_a_second_time(tmp_pa
         assert number in busy_domains(), "without vehicles of its own, as the verb sim"
 
 
-def test_a_network_of_this_computer_that_is_down_is_named_at_once(tmp_path: Path) -> None:
-    code = "from auv_lse_run.process.domain import simulator_domain; simulator_domain(None).__enter__()"
+@pytest.mark.parametrize("call", ["simulator_domain(None).__enter__()", "confine_to(90)"])
+def test_a_network_of_this_computer_that_is_down_is_named_at_once(call: str) -> None:
+    code = f"from auv_lse_run.process.domain import confine_to, simulator_domain; {call}"
     done = subprocess.run(["unshare", "--net", sys.executable, "-c", code], capture_output=True, text=True)
     if "unshare failed" in done.stderr or "Operation not permitted" in done.stderr:
         pytest.skip("this process may make no network of its own")
@@ -182,7 +183,7 @@ def test_commands_without_a_domain_reach_no_simulation_of_another_user(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    monkeypatch.setattr(domain_choice, "confine", lambda number: None)  # it sets this process's environment
+    monkeypatch.setattr(domain_choice, "confine_to", lambda number: None)  # it sets this process's environment
     with simulator_domain(None) as number:
         note_run(number, tmp_path / "a run", "sim-1123-184534-3f2a")
         assert join(None, commands=True) == number
@@ -202,7 +203,7 @@ def test_commands_on_a_vehicle_reach_the_nodes_that_a_service_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    monkeypatch.setattr(domain_choice, "confine", lambda number: None)  # it sets this process's environment
+    monkeypatch.setattr(domain_choice, "confine_to", lambda number: None)  # it sets this process's environment
     with vehicle_domain(90, 2, simulated=False):
         note_run(90, tmp_path, "auv2-1123-184534-3f2a", vehicle=2)
         monkeypatch.setattr(domain.os, "geteuid", lambda: 54321)

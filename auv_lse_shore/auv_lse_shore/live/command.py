@@ -12,10 +12,9 @@ from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
-from auv_lse_common.support.confinement import confine
 from auv_lse_common.support.ending_signals import accepted_signals
 from auv_lse_record.recording import RecordingError, recording_in
-from auv_lse_run.process.domain import DomainError, busy_domains, check_own, domain_number
+from auv_lse_run.process.domain import DomainError, busy_domains, check_own, confine_to, domain_number
 from auv_lse_run.process.interrupt import note_signal
 from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.follow import RecordingFollower
@@ -126,14 +125,14 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace, commands
     """Returns the function that fills the timeline from running missions.
 
     Raises:
-        DomainError: if --domain is invalid.
+        DomainError: if --domain is invalid, or as `confine_to`.
     """
     from auv_lse_shore.live.sources.running import MissionFollower
 
     domain = None if options.domain is None else domain_number(options.domain)
     if commands is not None and domain is None:
         domain = _only_domain()
-    confine(domain or 0)
+    confine_to(domain or 0)
     return MissionFollower(timeline, domain, options.mission, commands).follow
 
 
