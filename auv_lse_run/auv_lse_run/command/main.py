@@ -11,6 +11,7 @@ import importlib
 import io
 import os
 import re
+import resource
 import signal
 import sys
 import threading
@@ -230,6 +231,22 @@ def run_verb(verb: Verb, arguments: Sequence[str]) -> int:
         raise CommandError(
             f"auv_lse {verb.name} needs the Python package {name}, which is not installed: {install_command(name)}"
         ) from error
+    except (ImportError, MemoryError, OSError) as error:
+        if _is_out_of_memory(error):
+            raise CommandError(
+                f"auv_lse {verb.name}: the memory that it may use (ulimit -v) is too small: "
+                f"{resource.getrlimit(resource.RLIMIT_AS)[0] // 2**20} MB. Raise the limit: ulimit -v unlimited"
+            ) from error
+        raise
+
+
+def _is_out_of_memory(error: BaseException | None) -> bool:
+    """Whether an error, or the one that led to it, is that of a process with a limit of its memory."""
+    if error is None or resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
+        return False
+    if isinstance(error, MemoryError) or re.search("failed to map segment|annot allocate memory", str(error)):
+        return True
+    return _is_out_of_memory(error.__cause__ or error.__context__)
 
 
 def _check_arguments(verb: Verb, arguments: Sequence[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -131,6 +132,31 @@ def test_another_packages_verb_is_called_with_the_users_words(
     text = capsys.readouterr().out
     assert "Greetings:\n  greet " in text
     assert "not ours" not in text
+
+
+@pytest.mark.parametrize(
+    "how", ["raise MemoryError", "raise ImportError('x.so: failed to map segment from shared object')"]
+)
+def test_a_limit_of_memory_that_is_too_small_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], how: str
+) -> None:
+    (tmp_path / "large_verbs.py").write_text(
+        "from auv_lse_common.support.verb import Verb\nVERBS = (Verb('load', 'Large', 'load it', 'large_library'),)\n"
+    )
+    (tmp_path / "large_library.py").write_text(how)
+    monkeypatch.syspath_prepend(tmp_path)
+    use_tables(monkeypatch, "large_verbs:VERBS")
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (900 * 2**20, resource.RLIM_INFINITY))
+    assert command.main(["load"]) == 2
+    assert capsys.readouterr().err == (
+        "error: auv_lse load: the memory that it may use (ulimit -v) is too small: 900 MB. Raise the limit: "
+        "ulimit -v unlimited\n"
+    )
+    monkeypatch.undo()
+    monkeypatch.syspath_prepend(tmp_path)
+    use_tables(monkeypatch, "large_verbs:VERBS")
+    with pytest.raises((MemoryError, ImportError)):  # without a limit it is another fault
+        command.main(["load"])
 
 
 def test_the_help_of_the_command_imports_no_library() -> None:
