@@ -261,9 +261,16 @@ class Simulation:
         if not self._lockstep:
             last = self.steps_total if k in self.links.autopilots else steps
             ended = self.runs[i] is RunState.ENDED or output.truth.step >= last - 1
-            self._ended_s[i] = min(self._ended_s[i], self.now_s) if ended and output.truth.loitering else math.inf
+            is_over = ended and (output.truth.loitering or self._is_stopped_at_end(k))
+            self._ended_s[i] = min(self._ended_s[i], self.now_s) if is_over else math.inf
             self._finished[i] = self.now_s >= self._ended_s[i] + (APART_S if self._settings.sim.apart else 0.0)
         self.steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
+
+    def _is_stopped_at_end(self, k: int) -> bool:
+        """Whether vehicle `k` has ended and obeys a command instead of what follows its last leg."""
+        if self.runs[k - 1] is not RunState.ENDED or k in self.links.autopilots:
+            return False
+        return self._statuses[k].stop_after(self._thens.get(k)) is not None
 
     # ------------------------------------------------------------------ what the vehicles do
 

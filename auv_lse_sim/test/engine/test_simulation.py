@@ -204,6 +204,18 @@ def test_a_vehicle_in_state_ended_stops_unless_it_completes_its_last_leg(monkeyp
     assert stops == [stop, None]
 
 
+def test_a_mission_in_real_time_is_over_when_its_ended_vehicle_surfaces_on_command() -> None:
+    sim, last = simulation(lockstep=False), Stop(action=Action.GO_TO, position_m=(500.0, 0.0))
+    sim.take_waypoint(1, leg_to(0.0, 0.0, 0.0, (20.0, 0.0), 15.0, step=3), then=last)
+    sim.take_state(1, 1, RunStatus(state=RunState.ENDED, stop=last))
+    for _ in range(30):
+        assert sim.advance(), "it is on its way to the recovery position"
+    sim.take_state(1, 2, RunStatus(state=RunState.ENDED, stop=Stop(action=Action.SURFACE), reason="SURFACE by root"))
+    sim.advance()
+    assert sim.advance() == {}
+    assert (sim.state, sim.steps) == (MissionState.FINISHED, [4])
+
+
 def test_the_time_of_a_hold_does_not_count_against_the_mission() -> None:
     sim = simulation(lockstep=False)
     sim.take_state(1, 1, RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.HOLD)))
