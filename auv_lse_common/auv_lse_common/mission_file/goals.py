@@ -60,5 +60,10 @@ def _method(parameters: Mapping[str, Any]) -> str:
         motion, gp = section(MotionConfig, parameters, "motion", ""), section(GpConfig, parameters, "gp", "")
     except ParameterError:
         return "tour"
+    return line_method(area_m2, mission, motion, gp)
+
+
+def line_method(area_m2: float, mission: MissionConfig, motion: MotionConfig, gp: GpConfig) -> str:
+    """The method that follows from the goal `line`."""
     covered = coverage(area_m2, mission, motion, gp) >= TOUR_COVERAGE
     return "tour" if covered and (mission.steps > MAX_LINE_LEGS or is_large_team(mission)) else "line"

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, coverage
+from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, coverage, line_method
 from auv_lse_common.mission_file.operating_area import OperatingArea, free_m2
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
@@ -465,7 +465,7 @@ def _coverage(settings: Settings) -> str:
     text = (
         f"coverage: {counted(mission.vehicles, 'vehicle')} x {counted(mission.steps, 'step')}, {path} of path in "
         f"{_km2(area_m2)}, {lanes}. At most {100.0 * min(covers, 1.0):.0f} % of the area is within half a length scale "
-        f"({settings.common.gp.length_scale_m / 2.0:g} m) of a path"
+        f"({settings.common.gp.length_scale_m / 2.0:.3g} m) of a path"
     )
     methods = sorted({own.planner.method for own in settings.vehicles})
     if covers < CHART_COVERAGE:
@@ -482,6 +482,6 @@ def _coverage(settings: Settings) -> str:
         )
     if settings.finds_method:
         text += f". mission.goal: line flies the method {settings.common.planner.method}"
-    elif mission.goal == "line":
+    elif mission.goal == "line" and methods != [line_method(area_m2, mission, motion, settings.common.gp)]:
         text += f". mission.goal: line does not choose the method, because planner.method is set ({', '.join(methods)})"
     return text

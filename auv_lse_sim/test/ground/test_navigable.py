@@ -234,11 +234,17 @@ def test_the_goal_that_fits_a_mission_too_short_for_a_chart(values, advised):
 
 def test_a_goal_that_a_given_method_overrides_is_named():
     def said(**overrides):
-        return "because planner.method is set (tour)" in expectations(Settings.load(None, overrides))[0]
+        return "because planner.method is set (" in expectations(Settings.load(None, overrides))[0]
 
     assert said(**{"mission.goal": "line", "planner.method": "tour"})
     assert not said(**{"mission.goal": "line"})
+    assert not said(**{"mission.goal": "line", "planner.method": "line"}), "as in a run's own mission file"
+    assert not said(**{"mission.goal": "line", "planner.method": "tour", "mission.steps": 201}), "what the goal chooses"
     assert not said(**{"planner.method": "tour"})
+
+
+def test_coverage_rounds_half_a_length_scale():
+    assert "length scale (24.8 m)" in expectations(Settings.load(None, {"gp.length_scale_m": 49.549}))[0]
 
 
 def test_the_goal_chooses_the_method_of_the_shipped_mission():
