@@ -81,6 +81,7 @@ def _run(options: argparse.Namespace) -> int:
         if options.for_vehicles is not None:
             write_vehicle_file(settings, options.for_vehicles, overrides_of(options))
         else:
+            _check_drivers(settings, options)
             folder = run_folder(options.out, root)
             with removed_on_error(folder):
                 settings = write_mission(settings, folder, options)
@@ -141,6 +142,20 @@ def _loaded(mission: Path, given: Mapping[str, Any], areas: AreaFiles) -> Settin
         except ParameterError:
             raise error from None
         raise ParameterError(str(error).replace(f"{mission}", "the command line", 1)) from error
+
+
+def _check_drivers(settings: Settings, options: argparse.Namespace) -> None:
+    """Refuses a driver that the mission file asks for, and that a simulated mission starts by an option alone."""
+    for k, own in enumerate(settings.vehicles, 1):
+        for name, kind, given, option in (
+            ("modem.kind", own.modem.kind, options.modem, "--modem emulated"),
+            ("link.kind", own.link.kind, options.vehicle_link, "--vehicle-link mavlink"),
+        ):
+            if kind != "direct" and given == "direct":
+                raise ParameterError(
+                    f"auv{k}: {name} is {kind!r}, but a simulated mission runs that driver only with {option}. Add "
+                    f"it, or leave the driver out: --set {name}=direct"
+                )
 
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from typing import Any
 
@@ -219,6 +220,22 @@ def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
     own = Settings.load(out).vehicle(2)
     assert (own.modem.port, own.link.endpoint, own.link.soundings) == (modem["port"], link["endpoint"], False)
     assert vehicle_file(Settings.load(out)).splitlines()[3:] == out.read_text().splitlines()[3:], "of its own, too"
+
+
+@pytest.mark.parametrize(
+    ("hardware", "words", "cure"),
+    [
+        (("emulated", "direct"), [], r"modem\.kind is 'micromodem', .* --modem emulated\. .* --set modem\.kind=direct"),
+        (("direct", "mavlink"), ["--modem", "emulated"], r"link\.kind is 'mavlink', .* --vehicle-link mavlink"),
+    ],
+)
+def test_drivers_that_no_option_starts_are_named_before_the_start(tmp_path, monkeypatch, capsys, hardware, words, cure):
+    """The nodes waited two minutes for them: "discovery timed out"."""
+    monkeypatch.setattr(mission, "fly", lambda *_, **__: 0)
+    out = tmp_path / "run"
+    assert main([str(run_file(tmp_path, *hardware)), *words, "--out", str(out)]) == 2
+    assert re.match(f"error: auv1: {cure}", capsys.readouterr().err)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(
