@@ -153,7 +153,9 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         wanted.update({"sim.real_time_factor": options.real_time_factor, "sim.lockstep": False})
     if options.area is not None:
         wanted.update(_area(options.area))
-    wanted.update(settings_given(options.set))
+    for name, value in settings_given(options.set).items():
+        if wanted.setdefault(name, value) != value:
+            raise ParameterError(f"{name}: the command line sets it to {wanted[name]} and {value}. Give one value")
     return wanted
 
 

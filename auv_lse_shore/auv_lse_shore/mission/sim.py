@@ -12,6 +12,7 @@ import yaml
 from rich.console import Console
 from rich.text import Text
 
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import SIMULATION, new_dive
 from auv_lse_common.support.atomic_files import write_whole
@@ -85,6 +86,9 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as reserved:
         reserved.enter_context(shared_ground())
         try:
+            if options.apart and options.real_time_factor not in (None, 1.0):
+                pace = f"{options.real_time_factor:g}"
+                raise ParameterError(f"--apart runs in real time; leave out --real-time-factor {pace}")
             settings, notes = prepare(options)
             domain = reserved.enter_context(simulator_domain(wanted_domain(options.domain)))
             folder = run_folder(options.out, root)

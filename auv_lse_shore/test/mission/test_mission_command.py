@@ -277,6 +277,26 @@ def test_a_pace_that_cannot_be_is_refused(
     assert words in said
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--steps", "3", "--set", "mission.steps=4"], "mission.steps: the command line sets it to 3 and 4"),
+        (["--real-time-factor", "9", "--set", "sim.lockstep=true"], "sim.lockstep: the command line sets it to False"),
+    ],
+)
+def test_two_values_of_one_parameter_are_refused(words: list[str], named: str) -> None:
+    """The value of --set was flown, and the other option ignored."""
+    with pytest.raises(ParameterError, match=named):
+        overrides_of(parser().parse_args(words))
+    assert overrides_of(parser().parse_args(["--steps", "4", "--set", "mission.steps=4"])) == {"mission.steps": 4}
+
+
+def test_separate_vehicles_run_in_real_time_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--apart", "--real-time-factor", "5", "--out", str(tmp_path / "run")]
+    assert sim.run(sim.parser().parse_args(words)) == 2
+    assert "error: --apart runs in real time; leave out --real-time-factor 5" in capsys.readouterr().err
+
+
 def test_the_help_names_the_methods_that_there_are() -> None:
     listed = parser().format_help().split("planning method: ")[1].split(" (docs/design/planner.md)")[0]
     assert "".join(listed.split()).split(",") == list(METHODS)
