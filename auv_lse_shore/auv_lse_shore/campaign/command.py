@@ -43,6 +43,8 @@ def run(options: argparse.Namespace) -> int:
     """Simulates a campaign; returns the exit code."""
     if options.rerun is not None:
         return _rerun(options)
+    if options.to is not None:
+        raise CampaignError("--to requires --rerun ID")
     if options.spec is None:
         raise CampaignError("SPEC.yaml is missing; name a campaign file, or give --rerun ID with --out DIR")
     spec = CampaignSpec.load(options.spec)

@@ -6,6 +6,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.acoustics import WINDOW_S
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.plurals import counted
 from auv_lse_comms.bridge.mate_tracks import speeds_apart
 from auv_lse_comms.packet.fields import are_paired, capacity
 from auv_lse_comms.packet.navigation import MAX_BYTES
@@ -143,5 +144,5 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     room = f"{least} samples" if least == most else f"{least} to {most} samples (more as the path gets shorter)"
     tag = f", a tag of {settings.packet.reserve} bytes" if settings.packet.reserve else ""
     which = "every one" if nth == 1 else f"one in {nth}"
-    findings.note(f"packet: the path's start, {actions} actions{', a tour' if tour else ''}{tag} and {room}")
+    findings.note(f"packet: the path's start, {counted(actions, 'action')}{', a tour' if tour else ''}{tag} and {room}")
     findings.note(f"packet: of {soundings:.0f} soundings in a cycle {which} is sent. Sent ones are {apart:.0f} m apart")

@@ -68,6 +68,10 @@ def test_the_command_reports_errors(tmp_path, capsys):
     assert "tiny.yaml is a file, not a folder" in capsys.readouterr().err
     assert main(["--rerun", "abc"]) == 2
     assert "--out DIR" in capsys.readouterr().err
+    assert (
+        main([str(tmp_path / "tiny.yaml"), "--to", str(tmp_path / "run"), "--out", str(tmp_path / "c"), "--list"]) == 2
+    )
+    assert "--to requires --rerun ID" in capsys.readouterr().err
 
 
 def test_an_impossible_setting_leaves_the_file_as_flown(tmp_path, capsys):

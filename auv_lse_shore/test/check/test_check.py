@@ -244,6 +244,7 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
         ({"planner": {"replan_lead_s": 16.0}}, None, "warning", "is not less than the time of a leg, 15.7 s"),
         ({"planner": {"deadline_s": 4.0}}, None, "warning", r"is not less than planner.replan_lead_s \(4 s\)"),
         ({"planner": {"method": "plain", "horizon": 200}}, None, "note", "200 actions and 3 samples"),
+        ({"planner": {"method": "lawnmower"}}, None, "note", "start, 1 action and 19 samples"),
         ({"mission": {"until": {"found": 1.0}}}, None, "error", "mission.until.found must be .*0.99, not 1.0"),
         ({"mission": {"until": {"found": 0.0}}}, None, "error", "mission.until.found must be .*, not 0.0"),
         (

@@ -123,3 +123,13 @@ def test_without_an_origin_both_say_what_is_missing_and_leave_no_old_file(export
         (tmp_path / name).write_text("old")
         assert "because the mission has no origin; give" in module.write(Export(team=bare, folder=tmp_path))
         assert not (tmp_path / name).exists()
+
+
+def test_both_count_what_they_hold(export, tmp_path):
+    for pieces, in_kml, in_plan in (
+        ([], "(0 pieces)", "(the area alone: no piece is found)"),
+        ([longest_found(export)], "(1 piece)", "waypoints along the longest piece found)"),
+    ):
+        content = Export(team=dataclasses.replace(export.team, pieces=pieces), folder=tmp_path)
+        assert kml.write(content).endswith(in_kml)
+        assert qgc_plan.write(content).endswith(in_plan)

@@ -6,6 +6,7 @@ from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.map.certainty import CLASSES
 from auv_lse_shore.export.content import NO_ORIGIN, Export
@@ -61,7 +62,7 @@ def write(export: Export) -> str:
         _line(folder, name, "no-go", _closed(ring), export.reference.origin)
     indent(root)
     ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-    return f"isobath.kml ({len(pieces)} pieces)"
+    return f"isobath.kml ({counted(len(pieces), 'piece')})"
 
 
 def _closed(ring: Array) -> Array:

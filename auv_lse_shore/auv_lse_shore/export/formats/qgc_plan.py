@@ -54,6 +54,8 @@ def write(export: Export) -> str:
         "rallyPoints": {"version": 2, "points": rally},
     }
     path.write_text(json.dumps(plan, indent=1))
+    if not len(waypoints):
+        return "isobath.plan (the area alone: no piece is found)"
     return f"isobath.plan ({len(waypoints)} waypoints along the longest piece found)"
 
 
