@@ -264,7 +264,8 @@ class Simulation:
             is_over = ended and (output.truth.loitering or self._is_stopped_at_end(k))
             self._ended_s[i] = min(self._ended_s[i], self.now_s) if is_over else math.inf
             self._finished[i] = self.now_s >= self._ended_s[i] + (APART_S if self._settings.sim.apart else 0.0)
-        self.steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
+        travelled = self.runs[i] is RunState.ENDED and output.truth.step >= steps - 1
+        self.steps[i] = steps if travelled or self._finished[i] else max(output.truth.step, 0)
 
     def _is_stopped_at_end(self, k: int) -> bool:
         """Whether vehicle `k` has ended and obeys a command instead of what follows its last leg."""

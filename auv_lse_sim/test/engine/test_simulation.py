@@ -210,6 +210,7 @@ def test_a_mission_in_real_time_is_over_when_its_ended_vehicle_surfaces_on_comma
     sim.take_state(1, 1, RunStatus(state=RunState.ENDED, stop=last))
     for _ in range(30):
         assert sim.advance(), "it is on its way to the recovery position"
+    assert sim.steps == [4], "its last leg is complete"
     sim.take_state(1, 2, RunStatus(state=RunState.ENDED, stop=Stop(action=Action.SURFACE), reason="SURFACE by root"))
     sim.advance()
     assert sim.advance() == {}
