@@ -66,9 +66,16 @@ def _note(space: FreeSpace, parts: list[UnreachedPart], area_m2: float) -> str:
     return (
         f"area: {_percent(total_m2 / area_m2)} of it ({area_size(total_m2)}) cannot be reached from the starts and is "
         f"left out. {'; '.join(reasons)}{others}. A safe turn needs {needed_m:.0f} m, including area.margin_m on both "
-        "sides, and no leg leads through. To include this ground, start vehicles there, or choose a smaller margin or "
-        "turning radius"
+        "sides, and no leg leads through. To include this ground, start vehicles there, as at "
+        f"{_widest(space, parts[0])}, or choose a smaller margin or turning radius"
     )
+
+
+def _widest(space: FreeSpace, part: UnreachedPart) -> str:
+    """The location of a part that is farthest from land and borders."""
+    clearance = np.where(part.nodes, space.area_raster, -np.inf)
+    row, column = np.unravel_index(np.argmax(clearance), clearance.shape)
+    return f"north {space.north0_m + space.cell_m * row:.0f}, east {space.east0_m + space.cell_m * column:.0f} m"
 
 
 def _reason(part: UnreachedPart) -> str:

@@ -1,5 +1,6 @@
 """Ground that vehicles cannot reach is left out of a mission, and the mission says so."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,10 @@ def test_ground_behind_a_gate_is_left_out_and_named():
     assert "The strait at north 1" in note
     assert "is 24 m wide" in note
     assert "A safe turn needs 50 m" in note
+    found = re.search(r"start vehicles there, as at north (\d+), east (\d+) m", note)
+    north, east = map(float, found.groups())
+    there = clip_to_reachable(behind_a_gate(**{"vehicle.start_north_m": north, "vehicle.start_east_m": east}))[0]
+    assert OperatingArea(there.area).contains(np.array([[200.0, 75.0], [318.0, 2.0], [318.0, 148.0]])).all()
     area = OperatingArea(fitted.area)
     assert list(area.no_go) == ["unreachable_1"]
     assert not area.contains(np.array([[200.0, 75.0], [318.0, 2.0], [318.0, 148.0]])).any()
