@@ -1,10 +1,10 @@
-"""The start of the command auv_lse, as `python -m auv_lse_run` and as installed."""
+"""Entry point of the command auv_lse, installed or as `python -m auv_lse_run`."""
 
 import sys
 
 
 def main() -> int:
-    """Runs the command line of this process; returns the exit code. Ctrl-C while its modules load gives one word."""
+    """Runs the command line of this process; returns the exit code. Ctrl-C during the imports prints one word."""
     try:
         from auv_lse_run.command.main import main as run
     except KeyboardInterrupt:

@@ -27,7 +27,7 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
-from auv_lse_run.command.undisturbed import FULL, tolerant, undisturbed
+from auv_lse_run.command.tolerant_stream import FULL, ignoring_closed_reader, tolerant
 from auv_lse_run.process.death import shared_memory_problem
 from auv_lse_run.process.interrupt import first_signal, note_signal, signals_raised
 
@@ -41,7 +41,7 @@ PACKAGES = tuple(
 )
 
 
-#: What a verb returns that has answered a signal to end itself.
+#: Exit code of a verb that has handled a terminating signal itself.
 _INTERRUPTED = 130
 
 
@@ -50,20 +50,20 @@ class CommandError(ValueError):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a verb; returns its exit code, 2 if it cannot be run, 128 and the signal's number after one to end.
+    """Runs a verb; returns its exit code, 2 if it cannot be run, 128 plus the signal's number after a terminating one.
 
     Args:
         arguments: The command line; None: that of this process, which ends afterwards.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a letter that the terminal lacks is no error
+        sys.stdout.reconfigure(errors="replace")  # a character that the terminal lacks is no error
     if arguments is None:
-        sys.stderr = tolerant(sys.stderr, drops_if_full=True)  # what it lacks changes no exit code
+        sys.stderr = tolerant(sys.stderr, drops_if_full=True)  # lost error text changes no exit code
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # runs last; afterwards Python has no handlers
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
-        with signals_raised(), _interrupts_as_such():
+        with signals_raised(), _restored_interrupts():
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # scripts/auv_lse blocks it until now
             code = _run_and_flush(words)
         return 128 + first_signal() if code == _INTERRUPTED else code
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (CommandError, MissingPackageError) as error:
         _complain(f"error: {error}")
         return 2
-    except BrokenPipeError:  # its reader, such as `head`, has ended
+    except BrokenPipeError:  # the output's reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
@@ -93,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run_and_flush(words: Sequence[str]) -> int:
-    """As `_run`, with all output written at the end, also after the help of a verb; raises OSError if it cannot be."""
+    """Runs the command line, then writes all output, also after a verb's help; raises OSError if that fails."""
     try:
         return _run(words)
     finally:
@@ -118,8 +118,8 @@ def _report_first(problem: BaseException) -> int:
 
 
 @contextlib.contextmanager
-def _interrupts_as_such() -> Iterator[None]:
-    """Raises KeyboardInterrupt for an error that a library made of it, as compiled modules do while they load."""
+def _restored_interrupts() -> Iterator[None]:
+    """Restores a KeyboardInterrupt that a library has turned into another error, as compiled modules do on import."""
     try:
         yield
     except Exception as error:
@@ -132,9 +132,9 @@ def _interrupts_as_such() -> Iterator[None]:
 
 
 def _end_quietly() -> None:
-    """Sets what signals do while this process ends: Ctrl-C, which would print a traceback, does nothing.
+    """Sets the signal handlers while this process ends: Ctrl-C, which would print a traceback, does nothing.
 
-    Others end it at once, also if it hangs, with the exit code of the first one.
+    The others end it at once, even if it hangs, with the exit code of the first one.
     """
     with contextlib.suppress(ValueError):  # not in the main thread
         for number in SIGNALS:
@@ -149,7 +149,7 @@ def _leave(number: int, frame: FrameType | None) -> None:
 
 
 def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
-    """Sends a signal again that fell into a finalizer or a callback of garbage collection, whose errors are dropped."""
+    """Resends a signal that arrived in a finalizer or garbage-collection callback, where Python drops its error."""
     if isinstance(dropped.exc_value, KeyboardInterrupt):
         again = threading.Timer(0.05, signal.pthread_kill, (threading.main_thread().ident, first_signal()))
         again.daemon = True
@@ -272,7 +272,7 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
         BrokenPipeError: if the reader of the output has ended, and the module's `ENDS_WITH_READER` is true.
     """
     try:
-        with contextlib.nullcontext() if getattr(module, "ENDS_WITH_READER", False) else undisturbed():
+        with contextlib.nullcontext() if getattr(module, "ENDS_WITH_READER", False) else ignoring_closed_reader():
             return _answered(module, options)
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):  # rich's console exits with 1

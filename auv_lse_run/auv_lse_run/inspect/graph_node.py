@@ -23,7 +23,7 @@ from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_run.process.domain import domains_with_participants
 
 #: Discovery is complete when the graph has not changed for `_QUIET_S` and every participant has had time to announce
-#: itself: by default they do so every 3 s. What a command asks for by name may be found earlier, after `_LEAST_S`.
+#: itself, by default every 3 s. A node or topic that a command names may be found earlier, after `_LEAST_S`.
 _QUIET_S, _LEAST_S, _ANNOUNCED_S, _MOST_S = 0.5, 1.0, 3.2, 4.2
 #: rmw's name of a node whose participant is known and whose name has not arrived.
 _UNNAMED = "_NODE_NAME_UNKNOWN_"
@@ -72,7 +72,7 @@ class Graph:
     """A context that joins the environment's ROS domain and discovers its nodes.
 
     Attributes:
-        missing: What the discovery still waited for when its time was over; "" if it is complete.
+        missing: What the discovery was still waiting for when it timed out; "" if it is complete.
         took_s: Duration (s) of the discovery.
     """
 
@@ -82,7 +82,7 @@ class Graph:
         Args:
             spin_s: Duration (s) of the discovery; None: until nothing new appears, at most 4.2 s.
             wanted: Full name of a node or topic, which ends the discovery early; "": all are wanted.
-            at_once: Whether entering the context does not discover; the caller calls `discover`.
+            at_once: Whether entering the context skips the discovery; the caller then calls `discover`.
         """
         self._spin_s, self._wanted, self._at_once = spin_s, wanted, at_once
         self.missing, self.took_s = "", 0.0

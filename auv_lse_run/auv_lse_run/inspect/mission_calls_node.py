@@ -22,9 +22,9 @@ from auv_lse_run.inspect.graph_node import Graph
 #: Time (s) without an answer after which a command is sent again, and after which the vehicle counts as silent.
 _REPEAT_S, _ANSWER_S = 1.0, 5.0
 
-__all__ = ["STATE_TOPICS", "CommandCalls", "DiagnosticArray", "out_of_reach", "states", "vehicles"]
+__all__ = ["STATE_TOPICS", "CommandCalls", "DiagnosticArray", "states", "vehicles", "without_safety_node"]
 
-#: What shows a vehicle's state from afar: topic and type, by what it is called there.
+#: The topics from which a remote session reads a vehicle's state: topic and type, by the session's name for it.
 STATE_TOPICS = {
     "mission": ("mission/state", MissionState),
     "position": ("odometry", Odometry),
@@ -52,8 +52,8 @@ class _Call:
 class CommandCalls:
     """A command that is sent to each vehicle as soon as its service is matched, and repeated until it answers.
 
-    A repetition has no further effect: the same command changes a mission's state only once. What can set a vehicle in
-    motion is sent with the time at which it was given, by the clock of the vehicle, which is asked for it first
+    A repetition has no further effect: the same command changes a mission's state only once. A command that can set a
+    vehicle in motion carries the time at which it was given, by the vehicle's clock, which is read first
     (RunMission.srv). So a vehicle that does not answer receives no GO that it could obey later.
     """
 
@@ -71,14 +71,14 @@ class CommandCalls:
         """Sends nothing yet.
 
         Args:
-            graph: The node that calls; any object with its `node` will do where vehicles are named and `finish` is not
+            graph: The node that calls; any object with its `node` will do if vehicles are named and `finish` is not
                 called.
             names: The vehicles ("auv2"); None: all that are discovered.
             team: With ABORT: whether to send it to the team mates by acoustic packet.
             report: Called with each vehicle's name and its first answer (RunMission.Response).
             source: The sender; "": this process's user.
             given_s: When the command was given, by this computer's steady clock; None: now.
-            valid_s: For how long it counts (s); 0: as RunMission.srv has it.
+            valid_s: How long it stays valid (s); 0: the default of RunMission.srv.
         """
         self._graph, self._names, self._report = graph, names, report
         message = MissionCommand(command=int(command), source=source or getpass.getuser(), team=team)
@@ -117,12 +117,12 @@ class CommandCalls:
 
     @property
     def silent(self) -> list[str]:
-        """The vehicles that have not answered what they were sent."""
+        """The vehicles that were sent a request and have not answered."""
         return [name for name, call in self._calls.items() if call.answer is None and call.first_s is not None]
 
     @property
     def unsent(self) -> list[str]:
-        """Those of `silent` to which the command was not sent: they have not answered what time it is."""
+        """The `silent` vehicles to which the command was not sent, because they have not reported their clock."""
         return [name for name in self.silent if self._calls[name].given_s is None]
 
     def _known(self) -> list[str]:
@@ -156,7 +156,7 @@ def vehicles(names: Iterable[str]) -> list[str]:
     return sorted(found, key=lambda name: int(name[3:]))
 
 
-def out_of_reach(names: Iterable[str]) -> list[str]:
+def without_safety_node(names: Iterable[str]) -> list[str]:
     """The vehicles ("auv2") that have nodes of the stack among these full names, but none that takes commands."""
     names, stack = list(names), {executable for _, executable in vehicle_nodes(modem=True, link=True)}
     found = {match[1] for name in names if (match := re.fullmatch(r"/(auv\d+)/(\w+)", name)) and match[2] in stack}

@@ -20,8 +20,8 @@ _COMMANDS = {
 }
 #: Time (s) to wait for the states of missions.
 _LISTEN_S = 1.0
-#: Why a vehicle of which other nodes run takes no command.
-_MUTE = "its safety_node, which takes commands, hangs or is not running. auv_lse vehicle restarts it: try again"
+#: Why a vehicle without a responsive safety_node takes no command, though its other nodes run.
+_HUNG = "its safety_node, which takes commands, hangs or is not running. auv_lse vehicle restarts it: try again"
 #: Time (s) in which a safety_node that hangs is restarted and found.
 _RESTART_S = 20.0
 
@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, such as auv2, or `all`")
         if command is Command.ABORT:
             c.add_argument("--team", action="store_true", help="also abort the team mates, by acoustic packet")
-        c.set_defaults(call=run_tell, what=command, at_once=True, changes=True)
+        c.set_defaults(call=run_send, what=command, at_once=True, changes=True)
     c = commands.add_parser("state", help="show the state of each vehicle's mission",
                             description="Show the state of each vehicle's mission.")  # fmt: skip
     c.epilog = "Exit codes: 0 every vehicle has reported its state; 1 a vehicle has not, or none is found; 2 wrong "
@@ -54,10 +54,10 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def run_tell(options: argparse.Namespace, graph: Any) -> int:
+def run_send(options: argparse.Namespace, graph: Any) -> int:
     """`run go` and the other commands: sends to each vehicle as soon as it is found, then reports who has answered."""
     from auv_lse_run.inspect.graph_node import GraphError
-    from auv_lse_run.inspect.mission_calls_node import CommandCalls, out_of_reach, vehicles
+    from auv_lse_run.inspect.mission_calls_node import CommandCalls, vehicles, without_safety_node
 
     names = vehicle_names(options.vehicles)
     valid = None if names is None else [name for name in names if re.fullmatch(r"auv\d+", name)]
@@ -72,7 +72,7 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
 
     calls = CommandCalls(graph, valid, options.what, getattr(options, "team", False), report)
     try:
-        if valid == []:  # none to be commanded, but those that run are shown
+        if valid == []:  # no valid name: only list the vehicles that run
             graph.discover(options.spin_time)
         else:
             graph.discover(options.spin_time, calls.step)
@@ -85,12 +85,12 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
         texts += [f"{options.what.name} was not sent to {', '.join(unsent)}"] if unsent else []
         raise KeyboardInterrupt(". ".join(["interrupted", *texts]) if texts else "") from None
     nodes = graph.nodes()
-    answered, there, mute = calls.acknowledged, vehicles(nodes), out_of_reach(nodes)
+    answered, there, mute = calls.acknowledged, vehicles(nodes), without_safety_node(nodes)
     for name in sorted({*([*there, *mute] if names is None else names), *calls.silent} - {*answered}):
         failed.append(name)
         why = "no answer (is it busy?)" if name in there else f"not found; running: {', '.join(there) or 'no vehicle'}"
         if name in mute:
-            why = _MUTE
+            why = _HUNG
         if name in calls.silent:
             why = f"no answer. It may still act on {options.what.name}: see auv_lse state"
         if name in calls.unsent:
@@ -105,9 +105,9 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
 
 def _wait_for_restart(calls: Any, graph: Any, names: list[str] | None) -> None:
     """Sends a stop also to the vehicles whose safety_node hangs or has died, once it is back."""
-    from auv_lse_run.inspect.mission_calls_node import out_of_reach
+    from auv_lse_run.inspect.mission_calls_node import without_safety_node
 
-    mute = [name for name in out_of_reach(graph.nodes()) if names is None or name in names]
+    mute = [name for name in without_safety_node(graph.nodes()) if names is None or name in names]
     if mute:
         why = f"its safety_node hangs or is not running; waiting up to {_RESTART_S:g} s for its restart"
         print(*(f"{name}: {why}" for name in mute), sep="\n", file=sys.stderr, flush=True)
@@ -120,12 +120,12 @@ def _wait_for_restart(calls: Any, graph: Any, names: list[str] | None) -> None:
 def run_state(options: argparse.Namespace, graph: Any) -> int:
     """`run state`."""
     from auv_lse_run.inspect.graph_node import GraphError
-    from auv_lse_run.inspect.mission_calls_node import out_of_reach, states, vehicles
+    from auv_lse_run.inspect.mission_calls_node import states, vehicles, without_safety_node
 
     nodes = graph.nodes()
-    there, mute = vehicles(nodes), out_of_reach(nodes)
+    there, mute = vehicles(nodes), without_safety_node(nodes)
     for name in mute:
-        print(f"{name}: {_MUTE}")
+        print(f"{name}: {_HUNG}")
     if not there and not mute:
         raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
     heard = states(graph, there, _LISTEN_S)

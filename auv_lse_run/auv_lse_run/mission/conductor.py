@@ -79,7 +79,7 @@ def follow(
     """Shows the progress of a mission until it ends or is interrupted.
 
     Args:
-        progress: Is brought up to date; its phase is "finished" if the mission is complete.
+        progress: Updated while the mission runs; its phase is "finished" if the mission is complete.
         environment, console, interrupt: As `conduct` takes them.
         look_after: Called ten times a second with the mission's state and message.
 
@@ -97,7 +97,7 @@ def follow(
             if state in ("running", "finished"):
                 progress.phase = state
                 marks.setdefault("running", time.monotonic())
-            if interrupt.came:  # so may have the processes, as in a shutdown: their ends are no failure
+            if interrupt.came:  # a shutdown may have ended the processes, too: that is no failure
                 break
             look_after(state, message)
             if state == "failed":
@@ -123,7 +123,8 @@ def write_times(
 
     Args:
         marks: Times (s) at which it "began", was "running" (left out if it never was) and "ended".
-        started_s: Its part before the first tick.
+        processor_s: Processor time (s) of each process.
+        started_s: The part of `processor_s` before the first tick.
     """
     phases = {"ending": time.monotonic() - marks["ended"]}
     if "running" in marks:
@@ -137,7 +138,7 @@ def write_times(
 def _check(
     state: str, message: str, died: Sequence[tuple[str, int]], keeper: ProcessKeeper, logs: Path, late: bool
 ) -> None:
-    """Checks that the mission can go on."""
+    """Raises MissionError if the mission cannot go on."""
     for name, code in died:
         log, why = keeper.log(name), keeper.why_died(name, code)
         raise MissionError(f"{name} ended unexpectedly ({why}); the end of {log}:\n{last_lines(log)}")

@@ -20,9 +20,9 @@ _LINE_PERIOD_S = 5.0
 
 #: Values of `MissionProgress.reward`.
 MAP_REWARD, PATH_REWARD, LINE_REWARD = "map", "path", "line"
-#: Whose reward each vehicle estimates for the whole team, and what the rewards count.
-OF_TEAM = (MAP_REWARD, LINE_REWARD)
-COUNTED = {MAP_REWARD: "drop of Bayes risk", PATH_REWARD: "drop of Bayes risk", LINE_REWARD: "m of isobath located"}
+#: The rewards that each vehicle estimates for the whole team, and the unit of each reward.
+TEAM_REWARDS = (MAP_REWARD, LINE_REWARD)
+UNITS = {MAP_REWARD: "drop of Bayes risk", PATH_REWARD: "drop of Bayes risk", LINE_REWARD: "m of isobath located"}
 
 
 @dataclass(slots=True)
@@ -72,7 +72,7 @@ class MissionProgress:
 
     @property
     def _quality_text(self) -> str:
-        """The worst quality of the vehicles' maps beside what is asked for; "" if nothing is, or before the first."""
+        """The worst quality of the vehicles' maps beside the required one; "" if none is required or judged yet."""
         known = [quality for quality in self.qualities.values() if not math.isnan(quality[0])]
         if not (self.until.is_asked and known):
             return ""
@@ -116,11 +116,11 @@ class MissionProgress:
         if not self.reward:
             return ()
         counted = (("so far", self.rewards), ("expected", self.expected))
-        return counted if self.reward in OF_TEAM else (*counted, ("bound", self.bounds))
+        return counted if self.reward in TEAM_REWARDS else (*counted, ("bound", self.bounds))
 
     def _of_team(self, values: dict[int, float]) -> float:
         """The team's value: the mean of the vehicles' map rewards, or the sum of their path rewards."""
-        return sum(values.values()) / (len(values) if self.reward in OF_TEAM else 1)
+        return sum(values.values()) / (len(values) if self.reward in TEAM_REWARDS else 1)
 
     @property
     def _start(self) -> str:
@@ -163,7 +163,7 @@ class MissionProgress:
         head = Text.assemble(
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
         )
-        rewards = f"   {self._rewards_text} ({COUNTED[self.reward]})" if self._rewards_text else ""
+        rewards = f"   {self._rewards_text} ({UNITS[self.reward]})" if self._rewards_text else ""
         foot = [Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")]
         if self._quality_text:
             foot.append(Text(self._quality_text))
@@ -184,7 +184,7 @@ def progress_of(settings: Settings) -> MissionProgress:
 
 def reward_shown(planner: PlannerConfig) -> str:
     """The reward to show: of the map, the line, the path (the paper's methods), or "" for the other methods."""
-    if planner.family.bound_of in OF_TEAM:
+    if planner.family.bound_of in TEAM_REWARDS:
         return planner.family.bound_of
     return PATH_REWARD if planner.entry.of_paper else ""
 

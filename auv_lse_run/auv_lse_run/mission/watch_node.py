@@ -35,7 +35,7 @@ class MissionWatch:
         """Joins nothing yet.
 
         Args:
-            progress: Takes what the simulator and the planners publish.
+            progress: Updated with what the simulator and the planners publish.
             environment: Environment of the mission's nodes: ROS domain, discovery, id of the simulation.
         """
         self._environment = environment
@@ -60,7 +60,7 @@ class MissionWatch:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leaves."""
+        """Leaves the domain."""
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown()
@@ -91,7 +91,7 @@ class MissionWatch:
         p = self._progress
         p.rewards[vehicle] = message.reward_so_far
         p.expected[vehicle] = message.reward_so_far + message.jbar
-        if message.lower_bound > message.reward_so_far:  # only a method with a bound promises more than it has
+        if message.lower_bound > message.reward_so_far:  # without a bound, it equals the reward so far
             p.bounds[vehicle] = message.lower_bound_max
 
     def _on_quality(self, vehicle: int, message: MapQuality) -> None:

@@ -187,7 +187,7 @@ def user_of(domain: int, vehicle: int = 0) -> str:
 
 
 def check_own(domain: int) -> None:
-    """Checks that commands to a domain that nobody named reach no simulation of another user.
+    """Checks that commands to a domain that the user did not name reach no simulation of another user.
 
     Vehicles' domains pass: on a vehicle's computer, a service may fly and an operator command.
 
@@ -295,7 +295,7 @@ def _locked(path: Path) -> Iterator[bool]:
             yield False
             return
         with contextlib.suppress(OSError):
-            file.truncate(0)  # a killed owner's note
+            file.truncate(0)  # a killed owner may have left its note
         try:
             yield True
         finally:
@@ -414,7 +414,7 @@ def domain_number(text: str) -> int:
 def wanted_domain(option: str | None) -> str | None:
     """The ROS domain that a user asks for, by a command line, else by ROS_DOMAIN_ID; None if by neither.
 
-    A shell's ROS_DOMAIN_ID of 0 is ROS's default, and no wish.
+    A ROS_DOMAIN_ID of 0 is ROS's default, and counts as unset.
     """
     return option or (os.environ.get("ROS_DOMAIN_ID") or "0").strip().lstrip("0") or None
 

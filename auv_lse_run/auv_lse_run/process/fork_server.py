@@ -38,12 +38,12 @@ from auv_lse_run.process.processes import LaunchError, Process, die_with_parent,
 
 #: Space (bytes) in the server's command line for that of a node.
 _COMMAND_ROOM = 4000
-#: Longest wait (s) for the server to fork a process: without numba's cache it compiles first, for minutes where slow.
+#: Longest wait (s) for the server to fork a process: without numba's cache it compiles first, which may take minutes.
 _START_S = 600.0
 #: Longest wait (s) for processes that end with the server.
 _END_S = 5.0
 #: Module prepared after those of the nodes, for all nodes.
-_OF_ALL = "auv_lse_common.node.entry_point"
+_COMMON_MODULE = "auv_lse_common.node.entry_point"
 
 
 class ForkedProcess:
@@ -130,7 +130,7 @@ class ForkServer:
         global _early
         self.log = log
         self._started: list[ForkedProcess] = []
-        self._left: list[ForkedProcess] = []  # by the server's end, with which Linux ends them
+        self._left: list[ForkedProcess] = []  # still running at the server's end, with which Linux ends them
         self._rest = b""
         self._server, _early = _early or _launch(environment), None
         self._ask({"server_log": str(log), "environment": dict(environment), "in_turn": in_turn})
@@ -353,7 +353,7 @@ def _load(entries: Iterable[str], loaded: set[str]) -> None:
     if not modules:
         return
     loaded |= modules
-    prepare([*sorted(modules), _OF_ALL])
+    prepare([*sorted(modules), _COMMON_MODULE])
     gc.collect()
     gc.freeze()  # keeps pages shared: the collector leaves objects from before the fork alone
     return_free_memory()
@@ -390,7 +390,7 @@ def _run(request: Mapping[str, Any], terminal: int, server: int) -> None:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         os.setsid()
         die_with_parent()
-        if os.getppid() != server:  # it has ended already, so Linux will not tell
+        if os.getppid() != server:  # the server ended before the line above, so Linux sends no signal
             os._exit(0)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         nothing = os.open(os.devnull, os.O_RDONLY)

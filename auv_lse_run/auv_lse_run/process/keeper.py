@@ -43,7 +43,7 @@ from auv_lse_run.process.processes import (
 #: First and longest wait (s) before a process that died is restarted.
 FIRST_WAIT_S = 0.5
 LONGEST_WAIT_S = 30.0
-#: After this time (s) of running, a death counts as the first one.
+#: A death after this running time (s) counts as the first one.
 STEADY_S = 20.0
 #: Watchdog: longest silence (s) of a node; doubled each time that it hangs.
 SILENT_S = 30.0
@@ -110,7 +110,7 @@ class _State:
     due_s: float = -math.inf
     wait_s: float = FIRST_WAIT_S
     silent_s: float = 0.0  # since the last heartbeat, or since the start
-    limit_s: float = math.inf  # of the silence; infinite for other programs before their first heartbeat
+    limit_s: float = math.inf  # longest silence; infinite for other programs before their first heartbeat
     hangs: int = 0  # in a row
     killed: bool = False  # by the watchdog
 
@@ -189,7 +189,7 @@ class ProcessKeeper:
         return times
 
     def tick(self, now_s: float) -> list[tuple[str, int]]:
-        """Starts what is due, and looks after what runs.
+        """Starts the tasks that are due, and watches those that run.
 
         Args:
             now_s: A monotonic clock.

@@ -24,12 +24,12 @@ from auv_lse_run.remote.vehicle_folder import VehicleFolder, sha256_of
 
 #: Longest time (s) of one of the vehicle's own checks.
 _CHECK_S = 45.0
-#: How those checks begin a line that is an error, a warning, or missing.
+#: First words of the lines in which those checks report an error, a warning or a missing part, with their levels.
 _LEVELS = {"error": "error", "warning": "warning", "MISSING": "error", "error:": "error"}
 
 
 def facts(folder: VehicleFolder, number: int, domain: int, thorough: bool) -> dict[str, Any]:
-    """What a laptop asks of a vehicle before a dive.
+    """The answer to a laptop's request for facts before a dive.
 
     Args:
         thorough: Whether the vehicle's own checks run, which ask its devices for up to 45 s.
@@ -55,7 +55,7 @@ def facts(folder: VehicleFolder, number: int, domain: int, thorough: bool) -> di
 
 
 def _identity(folder: Path) -> str:
-    """What no other folder on any computer has."""
+    """An identifier that no other folder on any computer has; "" if the folder is missing."""
     try:
         machine = Path("/etc/machine-id").read_text().strip()
     except OSError:

@@ -40,7 +40,7 @@ class OrderStore:
             os.close(descriptor)
 
     def read(self) -> OrderBook:
-        """The book without a lock, which only shows it.
+        """Reads the book without a lock, to show it only.
 
         Raises:
             OSError: if the file cannot be read.

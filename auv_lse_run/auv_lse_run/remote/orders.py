@@ -99,11 +99,11 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What became of an order.
+    """The outcome of an order.
 
     Attributes:
         outcome: One of the outcomes above.
-        text: What a person should know.
+        text: An explanation for people.
         at: When, by the vehicle's clock (UTC, ISO 8601); for people only.
     """
 
@@ -128,7 +128,7 @@ class OrderBook:
         """A book from `values`; None: an empty one.
 
         Raises:
-            OrderError: if the values are those of no book.
+            OrderError: if the values are not those of a book.
         """
         values = values or {}
         try:

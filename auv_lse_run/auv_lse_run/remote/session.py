@@ -44,19 +44,19 @@ class NodeActor:
             return dive_process.start(self._folder, self._name, self._domain)
         if order.verb == "stop":
             return dive_process.stop(self._name, self._domain)
-        if not self._there():
+        if not self._nodes_run():
             return REFUSED, "its nodes do not run; start them: auv_lse fleet FILE start"
         return self._link.give(order)
 
     def state(self) -> dict[str, Any]:
         """The newest messages of the nodes, if they run."""
-        return self._link.state() if self._there() else {}
+        return self._link.state() if self._nodes_run() else {}
 
     def close(self) -> None:
         """Leaves the ROS domain."""
         self._link.close()
 
-    def _there(self) -> bool:
+    def _nodes_run(self) -> bool:
         """Whether nodes run in the domain, also without `auv_lse vehicle`."""
         return vehicle_on(self._domain, self._number) is not None or has_participants(self._domain)
 
@@ -259,9 +259,9 @@ class Session:
         return {"done": True}
 
     def _excerpt(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """What a chart needs of the running dive's recording, compressed, from the laptop's cursor on.
+        """The messages that a chart needs, compressed, from the running dive's recording after the laptop's cursor.
 
-        Of a dive that has ended the rest is read.
+        If the dive has ended, all the rest of its recording.
         """
         from auv_lse_record.excerpt import Cursor, excerpt
         from auv_lse_record.recording import RecordingError

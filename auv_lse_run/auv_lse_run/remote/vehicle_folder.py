@@ -146,7 +146,7 @@ class VehicleFolder:
         """The file of a recording.
 
         Raises:
-            FolderError: if it is none.
+            FolderError: if there is no such recording.
         """
         dives = (self.folder / DIVES).resolve()
         found = (dives / path).resolve()
@@ -158,7 +158,7 @@ class VehicleFolder:
         """Removes a file of a recording, if it is still the one that was copied.
 
         Raises:
-            FolderError: if it has another hash, or is none.
+            FolderError: if it has another hash, or is not part of a recording.
             OSError: if it cannot be removed.
         """
         found = self.recording(path)

@@ -40,7 +40,7 @@ from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_common.node.state_slots import create
 from auv_lse_common.vocabulary.mission_run import RunState
 
-#: What a record must have.
+#: Required keys of a record.
 _KEYS = {"mission", "out", "journals", "second", "dive", "over"}
 
 _START_AGAIN = "End the dive with Ctrl-C at the surface, and start again"
@@ -50,7 +50,7 @@ class StateFolderError(OSError):
     """The mission state cannot be stored."""
 
 
-def second_folders(chosen: str) -> list[Path]:
+def copy_folders(chosen: str) -> list[Path]:
     """Folders for second copies of the state files; the first one that can be written is used.
 
     Args:
@@ -85,7 +85,7 @@ class DiveRecord:
         mission_file: Path,
         parameters: Mapping[str, Any] | None = None,
         *,
-        seconds: Sequence[Path] = (),
+        copies: Sequence[Path] = (),
         simulated: bool = False,
     ) -> None:
         """Reads the record; writes nothing.
@@ -93,13 +93,13 @@ class DiveRecord:
         Args:
             mission_file: Its mission file; a different one means a new dive.
             parameters: The parameters in it; different positions in its positions file mean a new dive, too.
-            seconds: Folders for second copies, see `second_folders`.
-            simulated: Whether this is a simulated vehicle, of which only the record itself is looked at.
+            copies: Folders for second copies, see `copy_folders`.
+            simulated: Whether this is a simulated vehicle, for which only the record itself is read.
         """
         self.continued: Path | None = None
         self.copies_problem = ""
         self._name, self._path = f"auv{vehicle}", folder / f"auv{vehicle}.dive"
-        self._seconds = () if simulated else tuple(seconds)
+        self._copy_folders = () if simulated else tuple(copies)
         self._simulated = simulated
         content = mission_file.read_bytes() if mission_file.is_file() else b""
         values_text = json.dumps(parameters, sort_keys=True, default=str)
@@ -187,7 +187,7 @@ class DiveRecord:
         return {}, [] if self._simulated else self._traces()
 
     def _contradictions(self, values: dict[str, Any]) -> list[str]:
-        """What in the second copies does not fit a whole record."""
+        """How the second copies contradict a valid record."""
         doubts = []
         own = self._second(values, self._path.name)
         if own is not None and not self._simulated:
@@ -206,7 +206,7 @@ class DiveRecord:
             own: The second copy of the record itself.
         """
         doubts = []
-        others = (folder / self._path.name for folder in self._seconds)
+        others = (folder / self._path.name for folder in self._copy_folders)
         for path in dict.fromkeys(filter(None, (own, *others))):
             if not os.path.lexists(path):
                 continue
@@ -218,7 +218,7 @@ class DiveRecord:
         return doubts
 
     def _traces(self) -> list[str]:
-        """What is left of an earlier dive whose record is missing."""
+        """Traces of an earlier dive whose record is missing."""
         doubts = self._open_copies("")
         folder = self._path.parent
         runs = [folder]
@@ -246,7 +246,7 @@ class DiveRecord:
 
     def _writable_second(self) -> Path | None:
         problems = []
-        for folder in self._seconds:
+        for folder in self._copy_folders:
             probe = folder / f"{self._name}.probe"
             try:
                 create(probe, b"{}")

@@ -42,11 +42,11 @@ from auv_lse_run.process.domain import (
 from auv_lse_run.process.interrupt import Interrupt, first_signal
 from auv_lse_run.process.keeper import REFUSED, SILENT_S, ProcessKeeper, Task, node_task
 from auv_lse_run.process.processes import RECORDER, LaunchError, Process
-from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
+from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, copy_folders
 from auv_lse_run.vehicle.vehicle_choice import chosen_vehicle
 
 _TICK_S = 0.2
-#: Patterns that are meant for a vehicle; others may be a user's drivers, as /auv2/sounder_node.
+#: Patterns that are meant for a vehicle; others may name a user's drivers, such as /auv2/sounder_node.
 _OF_VEHICLE = re.compile(r"/?auv[ _-]?\d+(/\*+)?/?", re.IGNORECASE)
 #: A node that rejects its parameters within this time (s) after its first start ends the command: a restart cannot
 #: help.
@@ -193,8 +193,8 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
     new = (out or dives / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{vehicle}").resolve()
     simulated = simulated or "sim" in own
     folder = new if out or simulated else dives.resolve()
-    seconds = second_folders(section(SafetyConfig, own, "safety", str(file)).state_copies)
-    record = DiveRecord(folder, vehicle, file.resolve(), patterns, seconds=seconds, simulated=simulated)
+    copies = copy_folders(section(SafetyConfig, own, "safety", str(file)).state_copies)
+    record = DiveRecord(folder, vehicle, file.resolve(), patterns, copies=copies, simulated=simulated)
     if record.continued is None and not record.doubt and os.path.lexists(new / "bag"):
         raise ParameterError(f"--out {new} contains a recording already, {new / 'bag'}. Choose another folder")
     if record.continued is None and (file_there := next(filter(os.path.isfile, (new, *new.parents)), None)):
@@ -232,7 +232,7 @@ def begin_dive(
         try:
             yield domain, variables
         finally:
-            if processes.simulated or first_signal() != signal.SIGHUP:  # a lost connection is nobody's decision
+            if processes.simulated or first_signal() != signal.SIGHUP:  # a lost connection does not end a dive
                 record.end()
 
 
@@ -335,7 +335,7 @@ def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path
     silent_s = math.inf if processes.lockstep else SILENT_S
     keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
     with ExitStack() as stack:
-        # entered first, so left last: to leave a ROS domain may take long, and must keep no node running
+        # entered first, so left last: leaving a ROS domain may take long, and must keep no node running
         mission_end = (lambda: None) if not processes.simulated else stack.enter_context(_mission_end(environment))
         stack.callback(_report_end, processes.vehicle, logs, interrupt)
         stack.callback(keeper.stop)
@@ -365,7 +365,7 @@ def _mission_end(environment: dict[str, str]) -> Any:
 
 
 def _report_end(vehicle: int, logs: Path, interrupt: Interrupt) -> None:
-    """Reports that and why the nodes have ended, also in a log: the terminal may be gone."""
+    """Reports that the nodes have ended, and why, also in a log: the terminal may be gone."""
     text = f"auv{vehicle}: all nodes have ended{_ENDED_BY.get(interrupt.signal, '')}"
     _say(text)
     with suppress(OSError), (logs / f"auv{vehicle}.vehicle.log").open("a") as log:

@@ -435,13 +435,13 @@ def test_a_reader_that_ends_early_ends_no_work(
 
 INTERRUPTED_WRITE = """\
 import sys
-from auv_lse_run.command.undisturbed import undisturbed
+from auv_lse_run.command.tolerant_stream import ignoring_closed_reader
 def interrupt(frame, event, called):
-    if event == "c_return" and frame.f_code.co_filename.endswith("undisturbed.py") and frame.f_code.co_name == "write":
+    if event == "c_return" and frame.f_code.co_filename.endswith("stream.py") and frame.f_code.co_name == "write":
         sys.setprofile(None)
         raise KeyboardInterrupt
 try:
-    with undisturbed():
+    with ignoring_closed_reader():
         sys.setprofile(interrupt)
         print("a line", flush=True)
 except KeyboardInterrupt:

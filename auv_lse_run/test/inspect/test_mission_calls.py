@@ -76,7 +76,7 @@ class _Graph(graph_node.Graph):
     def run(self, *words: str, verb: str = "abort") -> int:
         options = mission.parser().parse_args([verb, *words])
         assert options.at_once, "the command line does not discover first"
-        return mission.run_tell(options, self)
+        return mission.run_send(options, self)
 
 
 def test_a_command_goes_out_as_soon_as_each_vehicle_is_matched(

@@ -20,7 +20,7 @@ from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_run.process.interrupt import Interrupt, signals_raised
 from auv_lse_run.vehicle import dive_record, run_vehicle
-from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
+from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, copy_folders
 
 
 @pytest.fixture
@@ -194,38 +194,38 @@ def test_a_dive_of_another_mission_file_that_was_not_ended_holds_the_next_one(tm
 def test_a_second_copy_remembers_a_dive_whose_folder_was_removed(tmp_path: Path, mission: Path) -> None:
     copies = tmp_path / "copies"
     folder = tmp_path / "card"
-    record = DiveRecord(folder, 2, mission, seconds=[copies])
+    record = DiveRecord(folder, 2, mission, copies=[copies])
     assert not record.doubt
     environment = record.begin(folder / "dive", "auv2-1123-184534-3f2a")
     opened(environment, "safety_node").write({"run": {"state": int(RunState.ABORTED)}, "under_water": False})
-    assert not DiveRecord(folder, 2, mission, seconds=[copies]).doubt
+    assert not DiveRecord(folder, 2, mission, copies=[copies]).doubt
     for state in folder.rglob("*.state"):
         forget_copy(state)  # as a reboot does
     shutil.rmtree(folder)
-    again = DiveRecord(folder, 2, mission, seconds=[copies])
+    again = DiveRecord(folder, 2, mission, copies=[copies])
     assert "has dive auv2-1123-184534-3f2a" in again.doubt
     after = again.begin(folder / "new", "auv2-1123-184534-ffff")
     opened(after, "safety_node").write({"run": {"state": int(RunState.HOLDING)}, "under_water": False})
     again.end()
-    assert not DiveRecord(folder, 2, mission, seconds=[copies]).doubt, "an orderly end ends the doubt, too"
-    assert not DiveRecord(tmp_path / "another card", 2, mission, seconds=[copies]).doubt
+    assert not DiveRecord(folder, 2, mission, copies=[copies]).doubt, "an orderly end ends the doubt, too"
+    assert not DiveRecord(tmp_path / "another card", 2, mission, copies=[copies]).doubt
 
 
 def test_an_unwritable_folder_for_second_copies_is_reported_and_no_reason_to_hold(
     tmp_path: Path, mission: Path
 ) -> None:
     (tmp_path / "file").write_text("")
-    record = DiveRecord(tmp_path, 2, mission, seconds=[tmp_path / "file" / "copies"])
+    record = DiveRecord(tmp_path, 2, mission, copies=[tmp_path / "file" / "copies"])
     environment = record.begin(tmp_path / "dive", "auv2-1123-184534-3f2a")
     assert "Not a directory" in record.copies_problem
     assert (environment[SECOND_VARIABLE], environment[DOUBT_VARIABLE]) == ("", "")
 
 
 def test_where_second_copies_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert second_folders("/mnt/copies") == [Path("/mnt/copies")]
+    assert copy_folders("/mnt/copies") == [Path("/mnt/copies")]
     monkeypatch.delenv("XDG_STATE_HOME", raising=False)
     monkeypatch.setenv("HOME", "/home/me")
     monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/auv_lse:/var/lib/other")
-    assert second_folders("") == [Path("/var/lib/auv_lse"), Path("/home/me/.local/state/auv_lse")]
+    assert copy_folders("") == [Path("/var/lib/auv_lse"), Path("/home/me/.local/state/auv_lse")]
     monkeypatch.delenv("HOME")
-    assert len(second_folders("")) == 2, "the home of the user's entry"
+    assert len(copy_folders("")) == 2, "the home of the user's entry"

@@ -1,4 +1,4 @@
-"""Standard output and error of a verb that goes on when their reader ends, as a pager does that is left early."""
+"""Standard output and error for a verb that keeps running when their reader ends, such as a pager."""
 
 import contextlib
 import errno
@@ -13,10 +13,10 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 class _TolerantStream(io.TextIOWrapper):
-    """A stream whose text goes nowhere once its reader has ended and, if wanted, while its disk is full.
+    """A stream that discards text once its reader has ended and, if wanted, while its disk is full.
 
-    What writes to the descriptor is Python's own: a signal answered within a raw stream of ours, between the write and
-    its return, would make the buffer write the same again.
+    The raw stream is Python's own: a signal handled within one of ours, between the write and its return, would make
+    the buffer write the same text again.
     """
 
     def __init__(self, stream: io.TextIOWrapper, *, drops_if_full: bool) -> None:
@@ -35,17 +35,17 @@ class _TolerantStream(io.TextIOWrapper):
         try:
             return super().write(text)
         except OSError as error:
-            self._lose(error)
+            self._discard(error)
             return len(text)
 
     def flush(self) -> None:
         try:
             super().flush()
         except OSError as error:
-            self._lose(error)
+            self._discard(error)
 
-    def _lose(self, error: OSError) -> None:
-        """Accepts that text is lost; raises the error if it must be known."""
+    def _discard(self, error: OSError) -> None:
+        """Discards the text of a failed write, or raises the error if the verb must report it."""
         if isinstance(error, BrokenPipeError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.fileno())
@@ -55,7 +55,7 @@ class _TolerantStream(io.TextIOWrapper):
 
 
 @contextlib.contextmanager
-def undisturbed() -> Iterator[None]:
+def ignoring_closed_reader() -> Iterator[None]:
     """A context in which no write to standard output raises BrokenPipeError."""
     before, sys.stdout = sys.stdout, tolerant(sys.stdout)
     try:
@@ -67,12 +67,12 @@ def undisturbed() -> Iterator[None]:
 
 
 def tolerant(stream: TextIO, *, drops_if_full: bool = False) -> TextIO:
-    """The same as a stream of this process, without BrokenPipeError; other streams, such as those of tests, unchanged.
+    """A stream of this process, made to raise no BrokenPipeError; others, such as those of tests, are unchanged.
 
     Args:
         stream: Standard output or error.
         drops_if_full: Whether a full disk behind it is no error either.
     """
-    if type(stream) is not io.TextIOWrapper:  # None: it was closed before the start
+    if type(stream) is not io.TextIOWrapper:  # None: closed before the start
         return stream
     return _TolerantStream(stream, drops_if_full=drops_if_full)
