@@ -19,7 +19,7 @@ from auv_lse_mavlink.messages.conversion import Target, mission_item, position_t
 from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
 from auv_lse_sim.emulated.ardupilot.personality import SUB, Personality
-from auv_lse_sim.emulated.ardupilot.setup import Setup, as_the_guide_says
+from auv_lse_sim.emulated.ardupilot.setup import Setup, recommended_parameters
 from auv_lse_sim.emulated.autopilot_report import Report
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
@@ -56,7 +56,7 @@ class Bench:
 
     def __init__(self, personality: Personality = SUB, *, guided: bool = False, **setup: Any) -> None:
         """`guided`: armed and in GUIDED, heard by the link."""
-        values = {"parameters": as_the_guide_says(personality, LINK), "feeds": False} | setup
+        values = {"parameters": recommended_parameters(personality, LINK), "feeds": False} | setup
         self.autopilot = ArduPilot(
             1, (0.0, 0.0, 0.0), ORIGIN, lambda pilot: None, Setup(personality=personality, **values)
         )

@@ -222,7 +222,7 @@ class _Run:
         return outcome
 
     def _tick(self) -> None:
-        vehicle, heard = self._vehicle, len(self._vehicle.told)
+        vehicle, heard = self._vehicle, len(self._vehicle.events)
         if self._fault.jump_m and vehicle.now_s < self._begin_s <= vehicle.now_s + 1.0:
             low_m = 3.0 if self._fault.jump_m > 3.0 else 0.0
             size_m = float(self._rng.uniform(low_m, self._fault.jump_m) * self._rng.choice([-1.0, 1.0]))
@@ -231,7 +231,7 @@ class _Run:
             vehicle.leg(self._legs, LEG_M)
             self._legs += 1
         output = vehicle.tick()
-        for event in vehicle.told[heard:]:
+        for event in vehicle.events[heard:]:
             if isinstance(event, AutopilotState):
                 self._watch.autopilot(event.report)
             elif isinstance(event, Altitude):

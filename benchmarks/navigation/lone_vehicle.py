@@ -21,7 +21,7 @@ class LoneVehicle:
 
     Attributes:
         vehicle: The autopilot.
-        told: The link's events.
+        events: The link's events.
         distort: Changes what the autopilot measures: (time (s), report) -> report.
         passes: Whether a datagram of the autopilot arrives.
     """
@@ -41,7 +41,7 @@ class LoneVehicle:
         least_m = own.safety.kept_altitude_m(own.vehicle.min_altitude_m)
         self.link = VehicleLink(own.link, 1, origin, TargetLimits(least_altitude_m=least_m))
         self.now_s = 0.0
-        self.told: list[Event] = []
+        self.events: list[Event] = []
         self.distort: Callable[[float, Report], Report] = lambda now_s, report: report
         self.passes: Callable[[bytes], bool] = lambda datagram: True
         for _ in range(2):  # the origin is known after the first
@@ -65,7 +65,7 @@ class LoneVehicle:
                 self.vehicle.receive(self.now_s, datagram)
             for datagram in filter(self.passes, self.vehicle.outgoing()):
                 self.link.receive(self.now_s, datagram)
-            self.told += self.link.events()
+            self.events += self.link.events()
 
     def tick(self) -> VehicleOutput:
         """Advances everything by a second; returns what the vehicle did."""

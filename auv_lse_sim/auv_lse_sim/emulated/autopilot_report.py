@@ -59,7 +59,7 @@ def autopilot_of(sim: SimConfig) -> AutopilotConfig:
 
 
 def measured_pressure_pa(config: AutopilotConfig, passed_s: float, depth_m: float, latitude_deg: float | None) -> float:
-    """What a barometer measures (Pa) at a depth (m), `passed_s` after the start; latitude None: unknown."""
+    """Pressure (Pa) that a barometer measures at a depth (m), `passed_s` after the start; latitude None: unknown."""
     drift_hpa = (config.air_change_hpa_h + config.barometer_drift_hpa_h) * passed_s / 3600.0
     at_surface_pa = 100.0 * (config.air_pressure_hpa + config.barometer_offset_hpa + drift_hpa)
     latitude_deg = MEAN_LATITUDE_DEG if latitude_deg is None else latitude_deg
@@ -71,7 +71,7 @@ def report_of(output: VehicleOutput, gps_std_m: float, pressure_pa: float) -> Re
 
     Args:
         gps_std_m: Accuracy of GPS (m).
-        pressure_pa: What its barometer measures (Pa).
+        pressure_pa: Pressure that its barometer measures (Pa).
     """
     estimate = output.odometry
     return Report(

@@ -13,7 +13,7 @@ except ImportError as error:
     raise missing(error, "simulated autopilots") from error
 from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
 from auv_lse_sim.emulated.ardupilot.personality import ROVER, SUB
-from auv_lse_sim.emulated.ardupilot.setup import Setup, as_the_guide_says
+from auv_lse_sim.emulated.ardupilot.setup import Setup, recommended_parameters
 from auv_lse_sim.emulated.autopilot_report import autopilot_of
 from auv_lse_sim.emulated.host_ports import LOCAL_HOSTS
 from auv_lse_sim.emulated.mavlink_dock import Autopilot, MavlinkDock
@@ -74,7 +74,7 @@ def _ardupilot(settings: Settings, k: int, origin: Origin | None, world: World) 
     personality = ROVER if vehicle.depth_m <= SURFACE_M else SUB
     setup = Setup(
         personality=personality,
-        parameters=as_the_guide_says(personality, link.system_id, vehicle.speed_mps),
+        parameters=recommended_parameters(personality, link.system_id, vehicle.speed_mps),
         origin_height_m=_height_m(settings, k),
         operator_mode=personality.auto if link.mode == "mission" else personality.guided,
         patience=1.0 if settings.sim.lockstep else max(settings.sim.real_time_factor, 1.0),

@@ -110,7 +110,7 @@ class EmulatedLinks:
         self.dock.report(k, now_s, report_of(output, self._settings.sim.gps.noise_m, pressure_pa))
 
     def _pressure_pa(self, now_s: float, depth_m: float) -> float:
-        """What the barometers measure at a depth (m)."""
+        """Pressure (Pa) that the barometers measure at a depth (m)."""
         self._begun_s = min(self._begun_s, now_s)
         latitude_deg = self._settings.area.origin_lat_deg
         return measured_pressure_pa(autopilot_of(self._settings.sim), now_s - self._begun_s, depth_m, latitude_deg)

@@ -63,7 +63,7 @@ class AutopilotSetup:
     Attributes:
         origin_height_m: Height of its estimator's origin, and of home, above the surface.
         pressure: Message with the water's pressure, as in `link.pressure`.
-        dive: Takes the depth (m) of each target.
+        dive: Called with the depth (m) of each target.
         is_boat: Whether it travels at the surface, so that a target there is a position to go to.
     """
 
@@ -103,8 +103,8 @@ class MavlinkVehicle:
             system_id: MAVLink system id (the vehicle's number).
             start: Heading (rad), north, east (m) where the first leg begins.
             origin: The mission's origin; None: no geodetic positions.
-            follow: Takes each leg; it follows the earlier ones.
-            obey: Takes a stop; None: the vehicle continues.
+            follow: Called with each leg, which follows the earlier ones.
+            obey: Called with a stop; None: the vehicle continues.
             tightest_m: Radius of the vehicle's tightest turn, for targets inside the turning circle; None: `radius_m`.
             setup: Where its positions and depths count from, and how it dives.
         """
@@ -195,7 +195,7 @@ class MavlinkVehicle:
     # ------------------------------------------------------------------ targets
 
     def _go(self, target: Target, remembered: int = REMEMBERED, replaces_m: float = math.inf) -> None:
-        """Goes to a target that repeats none of the last `remembered`; at once if `replaces_m` from the last target."""
+        """Goes to a target unless it repeats one of the last `remembered`; at once if `replaces_m` from the last."""
         if self.fault in (Fault.REFUSES, Fault.IGNORES):
             return
         depth_m = target.depth_m - self._setup.origin_height_m

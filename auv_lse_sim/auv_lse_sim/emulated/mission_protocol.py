@@ -1,4 +1,4 @@
-"""The mission protocol, as the vehicle: takes an uploaded mission item by item, and gives it back.
+"""The vehicle's side of the mission protocol: receives an uploaded mission item by item, and returns it on request.
 
 Requests that are not answered are repeated every `ITEM_TIMEOUT_S`, `ITEM_REPEATS` times, then the upload is cancelled.
 """
@@ -31,7 +31,7 @@ class MissionProtocol:
         """Starts without a mission.
 
         Args:
-            accept: Takes the items of a complete upload; returns MAV_MISSION_RESULT.
+            accept: Called with the items of a complete upload; returns MAV_MISSION_RESULT.
             asks_int: Whether items are requested by MISSION_REQUEST_INT; else by MISSION_REQUEST.
         """
         self.items: tuple[Message, ...] = ()

@@ -57,7 +57,7 @@ class ModemEmulator:
         """Creates a modem without power; `boot` starts it.
 
         Args:
-            transmit: Takes a packet into the water; returns its duration (s), or None for the nominal one.
+            transmit: Sends a packet into the water; returns its duration (s), or None for the nominal one.
             clock_error_s: The modem's clock minus the simulation's clock (s), until it is set.
             pps: Whether a PPS is connected; it is used with SNV on.
         """

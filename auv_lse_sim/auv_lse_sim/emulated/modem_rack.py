@@ -50,7 +50,7 @@ class ModemRack:
     def serve(self, now_s: float) -> int:
         """Reads every port once and answers; returns the number of bytes read. Never blocks.
 
-        What a host sends beyond one read waits for the next call, so that no host can hold the others up.
+        Data beyond one read waits for the next call, so that no host can hold up the others.
         """
         total = 0
         for vehicle, port in self._ports.items():

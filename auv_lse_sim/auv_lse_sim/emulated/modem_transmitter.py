@@ -48,7 +48,7 @@ class Transmitter:
 
         Args:
             host: Where the sentences go.
-            transmit: Takes a packet into the water; returns its duration (s), or None for the nominal one.
+            transmit: Sends a packet into the water; returns its duration (s), or None for the nominal one.
         """
         self._host = host
         self._transmit = transmit

@@ -56,7 +56,7 @@ class Pings:
 
         Args:
             write: Sends a message to the host.
-            transmit: Takes (start (s), mini-packet) into the water.
+            transmit: Sends (start (s), mini-packet) into the water.
         """
         self._address, self._write, self._transmit = address, write, transmit
         self._asked: tuple[int, float] | None = None  # destination and time (s) of the pending ping

@@ -175,7 +175,7 @@ class VehicleCores:
         if position is not None:
             self._to_planner.set_corrected(position)
             self._to_planner.apply_correction()
-        if self.map.revision != self._revision:  # reading settles merged centers, so not earlier
+        if self.map.revision != self._revision:  # reading settles merged centers, so only now
             self._revision = self.map.revision
             self.planner.set_centers(self.map.centers, now_s)
         began = time.perf_counter()

@@ -25,10 +25,10 @@ from auv_lse_sim.world import VehicleOutput, World
 STALLED_S = 60.0
 #: Up to this simulated time (s) in which all vehicles wait or hold does not count towards the mission's time limit.
 MAX_HELD_S = 6.0 * 3600.0
-#: In lockstep, where nobody may watch, a mission fails when every vehicle has waited or held for this simulated time
+#: In lockstep, which may run unattended, a mission fails when every vehicle has waited or held for this simulated time
 #: (s) without a command.
 LONGEST_HELD_S = 1800.0
-#: Separate vehicles have so long (s) after their last leg to report its end, which the simulator does not hear.
+#: Time (s) after its last leg in which a separate vehicle can report the end; the simulator does not hear the report.
 APART_S = 10.0
 _HELD = (RunState.WAITING, RunState.HOLDING)
 
@@ -101,7 +101,7 @@ class Simulation:
         self._begun_legs = [0] * len(self.vehicles)
         self._begun = False
         self._held_s = 0.0  # time in which every vehicle waited or held
-        self._stuck_s = 0.0  # time since when they do, without a command
+        self._stuck_s = 0.0  # the latest such time without a break, while no command is awaited
         self._present: set[tuple[int, str]] = set()
         self._recorded_tick = 0
         self._targets_accepted = [0] * len(self.vehicles)
@@ -162,7 +162,7 @@ class Simulation:
             The tick's output per vehicle; empty if the mission has ended (see `state`).
         """
         if self._lockstep and self.tick:
-            self.serve()  # the drivers have sent, but on a busy computer nobody may have read it yet
+            self.serve()  # on a busy computer, what the drivers have sent may not have been read yet
             self._gate.handled(self.tick)
         self._transmit()
         if self.finished:
@@ -221,7 +221,7 @@ class Simulation:
     def _steps_of(self, k: int) -> int:
         """Steps of vehicle `k`: fewer than planned if its last leg came early (`mission.until`).
 
-        The waypoints of a vehicle with an autopilot do not come here; the legs that it has begun count instead.
+        The simulator receives no waypoints of a vehicle with an autopilot; the legs that it has begun count instead.
         """
         if k in self.links.autopilots and self._settings.mission.until.is_asked:
             return min(self._begun_legs[k - 1], self.steps_total)
@@ -239,7 +239,7 @@ class Simulation:
             self.links.report(k, self.now_s, output)
 
     def stalled(self, waited_s: float) -> str:
-        """Lockstep: names what the next tick lacks after `waited_s` (s of wall clock); "" before `STALLED_S`."""
+        """Lockstep: the answers still missing after `waited_s` (s of wall clock); "" before `STALLED_S`."""
         if self.tick == 0 or self.state is MissionState.FINISHED or waited_s <= STALLED_S:
             return ""
         missing = [f"{name}: {count}" for name, count in self._gate.missing().items()]

@@ -1,4 +1,4 @@
-"""What a file states about the values of a raster: depth or elevation, their unit, and what they are not."""
+"""What a file states about a raster's values: depths, elevations or another quantity, and their unit."""
 
 import re
 from collections.abc import Mapping
@@ -24,17 +24,17 @@ class Meaning:
         up: Whether they are elevations; None if nothing states it.
         unit_m: Metres per unit.
         notes: How the values were read, for `describe`.
-        is_silent: Whether neither a name nor a unit nor a scale describes them.
+        is_undescribed: Whether neither a name nor a unit nor a scale describes them.
     """
 
     up: bool | None = None
     unit_m: float = 1.0
     name: str = "values"
-    is_silent: bool = True
+    is_undescribed: bool = True
     notes: tuple[str, ...] = ()
 
 
-def text_says_up(text: str) -> bool | None:
+def is_elevation(text: str) -> bool | None:
     """Whether a name means elevations (True) or depths (False); None if it means neither, or both."""
     plain = re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower()
     down, up = _DOWN.search(plain) is not None, _UP.search(plain) is not None
@@ -48,19 +48,19 @@ def is_other(text: str) -> bool:
 
 
 def is_bare(name: str) -> bool:
-    """Whether a name is the word for depth or elevation and nothing else: of `depth` and `depth_min` the first."""
+    """Whether a name is just a word for depth or elevation, such as `depth` but not `depth_min`."""
     return any(pattern.fullmatch(name.lower()) for pattern in (_DOWN, _UP))
 
 
 def _unit_in(text: str) -> str:
-    """The unit at the end of a name, such as depth_ft; "" without one. That after a number is of a resolution."""
+    """The unit at the end of a name, such as depth_ft; "" without one. A unit after a number is a resolution's."""
     found = [word for word in re.split(r"[\W_]+", text.lower()) if word]
     is_unit = len(found) > 1 and found[-1] in METRES and found[-1] != "in" and not found[-2][-1].isdigit()
     return found[-1] if is_unit else ""
 
 
 def length_m(unit: str) -> float | None:
-    """Metres per unit; None if it is no unit of length."""
+    """Metres per unit; None if it is not a unit of length."""
     return METRES.get(unit.strip().lower())
 
 
@@ -68,7 +68,7 @@ def metres_per(unit: str, where: str) -> float:
     """Metres per unit; 1 without a unit.
 
     Raises:
-        GroundError: if it is no unit of length.
+        GroundError: if it is not a unit of length.
     """
     unit_m = length_m(unit)
     if unit.strip() and unit_m is None:
@@ -79,7 +79,7 @@ def metres_per(unit: str, where: str) -> float:
 def meaning(
     texts: Mapping[str, str], unit: str, vertical: tuple[bool, float] | None, file_name: str, where: str
 ) -> Meaning:
-    """The meaning of a raster's values; what is closest to them counts most.
+    """The meaning of a raster's values; the statement closest to the values takes precedence.
 
     Args:
         texts: Name, description and attributes of the band; `positive` is CF's "up" or "down".
@@ -88,17 +88,17 @@ def meaning(
         file_name: The file's name without its suffix.
 
     Raises:
-        GroundError: if the unit is no length.
+        GroundError: if the unit is not a length.
     """
     positive = texts.get("positive", "").strip().lower()
     said: list[bool | None] = [{"up": True, "down": False}.get(positive)]
-    said += [text_says_up(texts.get(key, "")) for key in ("description", "standard_name", "long_name", "name", "unit")]
+    said += [is_elevation(texts.get(key, "")) for key in ("description", "standard_name", "long_name", "name", "unit")]
     said += [False if unit.lower().startswith("fathom") else None, None if vertical is None else vertical[0]]
-    said += [text_says_up(file_name)]
+    said += [is_elevation(file_name)]
     in_names = [_unit_in(texts.get(key, "")) for key in ("description", "long_name", "name")]
     in_names += [_unit_in(file_name)] if vertical is None else []
     named = unit or next(filter(None, in_names), "")
     unit_m = metres_per(named, where) if named or vertical is None else vertical[1]
     name = next((texts[key] for key in ("description", "name", "long_name") if texts.get(key)), "values")
     up = next((one for one in said if one is not None), None)
-    return Meaning(up=up, unit_m=unit_m, name=name, is_silent=up is None and not unit and name == "values")
+    return Meaning(up=up, unit_m=unit_m, name=name, is_undescribed=up is None and not unit and name == "values")

@@ -16,9 +16,9 @@ from auv_lse_gp.no_data import OFTEN_NO_DATA, fill_values, is_no_data
 from auv_lse_sim.ground.grid_ground import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
 
-#: Positive values come near 0 if the least (but 1 %) is below this (m), or below this share of the largest.
+#: Positive values come near 0 if their 1st percentile is below this (m), or below this share of the 99th.
 _NEAR_M, _NEAR_SHARE = 2.0, 0.1
-#: With more than this share below 0, positive values cross 0: the rest is land.
+#: Positive values cross 0 if more than this share is below 0: the rest is land.
 _ACROSS = 0.01
 #: A raster with more than this fraction of its values on both sides of 0 is ambiguous.
 _BOTH_SIGNS = 0.05
@@ -50,7 +50,7 @@ def depths_of(values: Array, path: Path, what: str, up: bool | None, config: Bat
     if config.depth_sign != "auto":
         up = config.depth_sign == "up"
     elif up is None:
-        up = level is not None or _looks_up(known, f"{path}: {span}")
+        up = level is not None or _are_elevations(known, f"{path}: {span}")
     if not up:
         if level is not None:
             raise GroundError(
@@ -73,7 +73,7 @@ def grid_depths(
 ) -> tuple[Array, list[str]]:
     """As `depths_of` for a grid: no-data values become NaN, which a note reports."""
     marks = is_no_data(values)
-    is_above_0 = config.water_level_m is not None and config.water_level_m > 0.0  # a bed at 0 m may be none
+    is_above_0 = config.water_level_m is not None and config.water_level_m > 0.0  # 0 may then mean "no data"
     often = (*OFTEN_NO_DATA, 0.0) if is_above_0 else OFTEN_NO_DATA
     marks |= np.isin(values, fill_values(values[~marks], often))
     notes = []
@@ -92,7 +92,7 @@ def grid_depths(
     return depth, [note, *notes]
 
 
-def _looks_up(known: Array, span: str) -> bool:
+def _are_elevations(known: Array, span: str) -> bool:
     """Whether a raster's values are elevations according to their signs."""
     negative, positive = float((known < 0.0).mean()), float((known > 0.0).mean())
     if min(negative, positive) > _BOTH_SIGNS:

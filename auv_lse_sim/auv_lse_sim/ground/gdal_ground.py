@@ -19,7 +19,7 @@ from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import unwrapped_deg
-from auv_lse_sim.ground.band_meaning import Meaning, is_bare, is_other, length_m, meaning, text_says_up
+from auv_lse_sim.ground.band_meaning import Meaning, is_bare, is_elevation, is_other, length_m, meaning
 from auv_lse_sim.ground.depth_sign import SIGN_FLAGS
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
@@ -29,9 +29,9 @@ from auv_lse_sim.ground.raster_ground import raster_ground
 Corners = Sequence[tuple[float, float]]
 
 _CLASSIC_NETCDF = (b"CDF\1", b"CDF\2")
-#: Variables of a grid of GMT 3, whose nodes are one row.
+#: Variables of a GMT 3 grid, which stores all nodes in one row.
 _GMT_3 = {"x_range", "y_range", "z_range", "spacing", "dimension", "z"}
-#: Drivers of GDAL that may open a file, by its first bytes; others, as VRT, name further files.
+#: GDAL drivers that may open a file, by its first bytes; other formats, such as VRT, name further files.
 _DRIVERS = {
     **dict.fromkeys((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), ("GTiff",)),
     **dict.fromkeys((*_CLASSIC_NETCDF, b"CDF\5"), ("netCDF",)),
@@ -42,11 +42,11 @@ _AXES = (
     ("latitude", "projection_y_coordinate", "degrees_north", "degree_north", "degrees_N", "degree_N"),
     ("longitude", "projection_x_coordinate", "degrees_east", "degree_east", "degrees_E", "degree_E"),
 )
-#: Their names in a file that marks none, as GMT writes it.
+#: Their names in a file without these marks, as GMT writes it.
 _AXIS_NAMES = (("y", "lat", "latitude", "northing", "north"), ("x", "lon", "longitude", "easting", "east"))
 #: Steps of an axis differ by less than this share.
 _UNEVEN = 0.1
-#: Of rasters with more nodes, those around the area are read.
+#: Of a raster with more nodes, only those around the area are read.
 LARGE_NODES = 4_000_000
 #: Largest block of nodes that are averaged; larger rasters are refused: reading them takes minutes.
 MAX_BLOCK = 6
@@ -56,7 +56,7 @@ _COLORS = ("red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yello
 def read_gdal_ground(
     path: Path, config: BathymetryConfig, origin: tuple[float, float] | None, around: Corners = ()
 ) -> GridGround:
-    """Reads ground from a raster: scale, offset, unit, no-data values, masks, names and vertical axis count.
+    """Reads ground from a raster, using its scale, offset, unit, no-data values, masks, names and vertical axis.
 
     Of a large raster only the part around an area is read.
 
@@ -165,7 +165,7 @@ def _variable(names: list[str], path: Path) -> tuple[str, list[str]]:
     """The subdataset that holds depths or elevations, by its name, and a note if it is one of several."""
     shown = {name: name.rpartition(":")[2].strip("/") for name in names}
     fit = [name for name, last in shown.items() if not is_other(last)]
-    named = [name for name in fit if text_says_up(shown[name]) is not None] or fit
+    named = [name for name in fit if is_elevation(shown[name]) is not None] or fit
     plain = [name for name in named if is_bare(shown[name].rpartition("/")[2])]
     if len(named) == 1 or len(plain) == 1:
         chosen = named[0] if len(named) == 1 else plain[0]
@@ -211,7 +211,7 @@ def _ground(
     if part.height * part.width < data.height * data.width:
         notes.append(f"only the {part.height:,} x {part.width:,} nodes around the area are read")
     if block > 1:
-        notes.append(f"means of {block} x {block} nodes, as it has {part.height:,} x {part.width:,}")
+        notes.append(f"means of {block} x {block} nodes, from {part.height:,} x {part.width:,}")
     if (scale, offset) != (1.0, 0.0):
         notes.append(f"scale {scale:g} and offset {offset:g} of the file applied")
     if said.unit_m != 1.0:
@@ -261,7 +261,7 @@ def _part_around(around: Corners, x: Array, y: Array, crs: str | None) -> Any:
 def _nodes_per_block(data: Any, band: int, part: Any) -> int:
     """Number of nodes along the side of a block of which the mean is read, so that a large raster fits into memory.
 
-    GDAL's means take values outside of a valid range for known, so a netCDF band with one is read as it is.
+    GDAL's means include values outside of a valid range, so a netCDF band with one is read unreduced.
     """
     if any(key.startswith("valid_") for key in data.tags(band)):
         return 1
@@ -286,8 +286,8 @@ def _averaged(data: Any, band: int, block: int, part: Any) -> Any:
 def _valid(values: Array, tags: Mapping[str, str], scale: float, offset: float) -> tuple[Array, list[str]]:
     """Values (ny, nx) as stored with those outside of `valid_range`, `valid_min`, `valid_max` unknown, and a note.
 
-    The range is one of stored values. Where they are packed and it leaves out most, the writer meant unpacked ones. One
-    that leaves out all is a mistake.
+    The range applies to stored values. If they are packed and it excludes most, the writer meant unpacked ones. A range
+    that excludes all is a mistake.
     """
     texts = [*tags.get("valid_range", "").strip("{} ").split(","), "", ""][:2]
     low, high = (_number(tags.get(key, text)) for key, text in zip(("valid_min", "valid_max"), texts, strict=True))
@@ -306,7 +306,7 @@ def _valid(values: Array, tags: Mapping[str, str], scale: float, offset: float) 
 
 
 def _number(text: str) -> float:
-    """A number of an attribute; NaN, which no value is beyond, if it is none."""
+    """A limit from an attribute; NaN, which excludes no value, if it is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -316,7 +316,7 @@ def _number(text: str) -> float:
 def _netcdf_axes(data: Any, path: Path, x: Array, y: Array) -> tuple[Array, Array]:
     """The axes of the columns and rows of a netCDF grid, in the unit of its CRS; GDAL found `x` and `y`.
 
-    GDAL takes the last dimension for x, and even steps for granted. It finds no axes that the file does not mark.
+    GDAL takes the last dimension for x and assumes even steps. It finds only axes that the file marks.
     """
     tags = data.tags()
     names = [next((key.partition("#")[0] for key, text in tags.items() if text in marks), "") for marks in _AXES]
@@ -346,7 +346,7 @@ def _netcdf_axes(data: Any, path: Path, x: Array, y: Array) -> tuple[Array, Arra
 
 
 def _named_axes(data: Any, path: Path) -> tuple[list[str], Array, Array]:
-    """The axes of a netCDF grid that marks none, by their names: those of rows and columns, and both axes."""
+    """The axes of a netCDF grid that marks none, found by name: names for rows and columns, then columns, then rows."""
     if coordinates := data.tags(1).get("coordinates"):
         raise GroundError(
             f"{path}: its rows and columns have no axes; each node has a position ({coordinates}). Grid it evenly: "
@@ -363,7 +363,7 @@ def _named_axes(data: Any, path: Path) -> tuple[list[str], Array, Array]:
 
 
 def _values(path: Path, name: str) -> tuple[Array, float]:
-    """The values of a netCDF variable with one dimension, and their precision; none of another one."""
+    """The values of a netCDF variable with one dimension, and their precision; empty for any other variable."""
     import rasterio
     from rasterio.errors import RasterioIOError
 
@@ -382,7 +382,7 @@ def _band(data: Any, path: Path) -> tuple[int, list[str]]:
     said = [(text, data.tags(k).get("NETCDF_VARNAME")) for k, text in enumerate(data.descriptions, 1)]
     names = [" ".join(filter(None, texts)) for texts in said]
     fit = [k for k, name in enumerate(names, 1) if not is_other(name)]
-    named = [k for k in fit if text_says_up(names[k - 1]) is not None] or fit
+    named = [k for k in fit if is_elevation(names[k - 1]) is not None] or fit
     if not named:
         shown = ", ".join(name[:40] for name in names[:30])
         raise GroundError(f"{path}: its bands are {shown}; none holds depths or elevations")
@@ -392,7 +392,7 @@ def _band(data: Any, path: Path) -> tuple[int, list[str]]:
 
 
 def _meaning(data: Any, band: int, path: Path) -> tuple[Meaning, str | None]:
-    """What the values of a band are, and the horizontal CRS as WKT."""
+    """The meaning of a band's values, and the horizontal CRS as WKT."""
     tags = {key.lower(): value for key, value in data.tags(band).items()}
     texts = {key: tags.get(key, "") for key in ("positive", "standard_name", "long_name")}
     texts |= {"name": tags.get("netcdf_varname", ""), "description": data.descriptions[band - 1] or ""}
@@ -426,7 +426,7 @@ def _check_no_picture(data: Any, band: int, said: Meaning, path: Path, config: B
     colors = sorted({color.name for color in data.colorinterp} & set(_COLORS))
     if data.colorinterp[band - 1].name in _COLORS or {"red", "green", "blue"} <= set(colors):
         raise GroundError(f"{path} is a picture (bands {', '.join(colors)}), not depths. Export the depths themselves")
-    plain = (data.scales[band - 1], data.offsets[band - 1]) == (1.0, 0.0) and said.is_silent
+    plain = (data.scales[band - 1], data.offsets[band - 1]) == (1.0, 0.0) and said.is_undescribed
     if data.dtypes[band - 1] == "uint8" and plain and config.depth_sign == "auto" and config.water_level_m is None:
         raise GroundError(
             f"{path}: its values are whole numbers from 0 to 255, as in a picture. If these are depths in metres, "

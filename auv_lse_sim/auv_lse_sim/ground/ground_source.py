@@ -16,9 +16,9 @@ from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.ground.ground_files import load_ground
 from auv_lse_sim.ground.lake import SyntheticLake
 
-#: Ground of a large raster is read as far as this (m) beyond the area; vehicles do not come so far.
+#: A large raster is read up to this distance (m) beyond the area, which vehicles do not reach.
 AROUND_M = 500.0
-#: Environment variable of a mission's processes: the file in which the first that needs the ground leaves it.
+#: Environment variable of a mission's processes: the file to which the first one that needs the ground saves it.
 GROUND_VARIABLE = "AUV_LSE_GROUND"
 
 
@@ -75,7 +75,7 @@ def shared_ground() -> Iterator[dict[str, str]]:
     with contextlib.ExitStack() as stack:
         try:
             new = tempfile.TemporaryDirectory(prefix="auv_lse_ground_", ignore_cleanup_errors=True)
-        except OSError:  # nowhere to leave it: each process builds its own
+        except OSError:  # nowhere to save it: each process builds its own
             yield {}
             return
         variables = {GROUND_VARIABLE: str(Path(stack.enter_context(new)) / "ground.pickle")}
@@ -90,7 +90,7 @@ class _Built:
     ground: Ground
 
     def fits(self, source: _Source) -> bool:
-        """Whether `source` builds the same: also about the origin that was found in the file."""
+        """Whether `source` builds the same ground; it may also state the origin that was found in the file."""
         return source in (self.source, replace(self.source, origin=self.ground.origin))
 
 
@@ -106,7 +106,7 @@ def _ground(source: _Source) -> Ground:
 
 
 def _shared(source: _Source) -> _Built:
-    """What another process of the mission built; else builds it, and leaves it to the others."""
+    """The ground that another process of the mission has built; else builds it, and saves it for the others."""
     name = os.environ.get(GROUND_VARIABLE)
     if not name:
         return _Built(source, source.build())

@@ -95,7 +95,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     if part_notes and not settings.area.shore:
         settings, shore_notes = _with_shore(settings, raster, ground, limit)
         notes += shore_notes
-    settings, start_notes = _location_starts(settings)
+    settings, start_notes = _move_starts(settings)
     notes += start_notes
     settings, reach_notes = clip_to_reachable(settings)
     notes += reach_notes
@@ -296,7 +296,7 @@ def _flat(ring: Array) -> list[float]:
     return [round(float(v), 2) for v in ring[:-1, ::-1].ravel()]
 
 
-def _location_starts(settings: Settings) -> tuple[Settings, list[str]]:
+def _move_starts(settings: Settings) -> tuple[Settings, list[str]]:
     """Moves starts without room to turn to locations where a vehicle can turn to both sides, or at least to one."""
     area = OperatingArea(settings.area)
     motion = MotionTable(settings.motion)

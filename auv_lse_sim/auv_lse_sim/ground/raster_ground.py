@@ -10,7 +10,7 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.soundings import longitude_180
-from auv_lse_sim.ground.band_meaning import Meaning, text_says_up
+from auv_lse_sim.ground.band_meaning import Meaning, is_elevation
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes, checked_origin
 from auv_lse_sim.ground.ground import GroundError
@@ -41,7 +41,7 @@ def raster_ground(
         GroundError: if the values or the projection are not understood, or the raster lies far from the origin or is
             too large.
     """
-    grid, notes = _depths(path, x, y, grid, said or Meaning(up=text_says_up(path.stem)), config)
+    grid, notes = _depths(path, x, y, grid, said or Meaning(up=is_elevation(path.stem)), config)
     degrees = x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
         return _local_raster(path, x, y, grid, notes)

@@ -21,7 +21,7 @@ TOLERANCE_NODES = 1.0
 
 
 def without_unreachable(settings: Settings) -> Settings:
-    """The mission with the whole area again, as before `clip_to_reachable`."""
+    """The mission without the no-go areas that `clip_to_reachable` adds."""
     if not any(name.startswith(UNREACHABLE) for name in settings.area.no_go):
         return settings
     patterns = settings.open_patterns()
@@ -31,15 +31,15 @@ def without_unreachable(settings: Settings) -> Settings:
 
 
 def clip_to_reachable(settings: Settings) -> tuple[Settings, list[str]]:
-    """Turns ground that no feasible action leads to from any start into no-go areas `unreachable_1`, ...
+    """Adds no-go areas `unreachable_1`, ... around ground that no feasible actions lead to from any start.
 
-    Strips, lanes, planning, and evaluation then leave it out. If everything can be reached, the mission stays as it is.
+    Strips, lanes, planning, and evaluation then leave it out. If everything can be reached, nothing changes.
 
     Args:
         settings: A mission, whose area and starts are final.
 
     Returns:
-        The mission, and a note on what cannot be reached and why; no note if there is nothing.
+        The mission, and a note on what cannot be reached and why; no note if everything can.
     """
     settings = without_unreachable(settings)
     space = FreeSpace(OperatingArea(settings.area), MotionTable(settings.motion), settings.area.raster_m)

@@ -1,9 +1,8 @@
 """Ground that vehicles can reach from their starts by feasible actions.
 
 The flood keeps the first state found in each bin of location and heading, and expands it by its feasible actions.
-States are not rounded, so whatever is flooded can be reached: also ground behind a strait that one leg bridges, from a
-location with room for a turn to another. Ground counts as reached within the margin and a turning loop's reach of a
-flooded state, along ways inside the area.
+States are not rounded, so whatever is flooded can be reached: also ground behind a strait that a single leg crosses.
+Ground counts as reached within the margin and a turning loop's reach of a flooded state, along ways inside the area.
 
 A vehicle can move turning loops through connected water that is wide enough for them (*open water*). So all of it is
 reached as soon as the loop of one state lies in it, with every heading that the actions lead to.
@@ -22,7 +21,7 @@ from auv_lse_common.support.arrays import Array, Ints, Mask
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_action, feasible_mask, is_feasible
 
-#: Bins of the flood: their size (m), at most that share of the shortest leg, and the number of headings.
+#: Bins of the flood: their size (m), its limit as a share of the shortest leg, and the number of headings.
 BIN_M, BIN_SHARE, HEADINGS = 4.0, 0.2, 72
 #: Clearance of the loops' centers in open water / a turning loop's reach. With at most this many headings it must have
 #: room for a leg, too: a loop is moved by legs, and few headings may fit along no narrow water.
@@ -34,7 +33,7 @@ LOOPS_ALIKE = 1.1
 FIRST_CHECK, CHECK_GROWTH = 8, 1.5
 #: States that are expanded at once.
 BLOCK = 20_000
-#: Escapes of a vehicle from its start, at most: one that takes more circles.
+#: Maximum number of escapes of a vehicle from its start: one that needs more is circling.
 MAX_ESCAPES = 100
 
 

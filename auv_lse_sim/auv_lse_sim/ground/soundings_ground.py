@@ -17,7 +17,7 @@ from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 from auv_lse_gp.soundings import FAR_M, check_together, is_far, local_positions
 from auv_lse_gp.soundings_table import SoundingsTable, read_table
-from auv_lse_sim.ground.band_meaning import text_says_up
+from auv_lse_sim.ground.band_meaning import is_elevation
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
 from auv_lse_sim.ground.ground import GroundError
@@ -74,7 +74,7 @@ def _xyz_ground(
     assert table.north_m is not None
     assert table.east_m is not None
     unknown = np.isnan(table.values)
-    up = text_says_up(path.stem) if table.upward is None else table.upward
+    up = is_elevation(path.stem) if table.upward is None else table.upward
     depth, notes = grid_depths(table.values[~unknown], path, table.depth_name, up, config)
     notes += [f"{int(unknown.sum())} points without a value left out"] * bool(unknown.any())
     notes += table.notes

@@ -1,4 +1,4 @@
-"""How deep a simulated vehicle without an autopilot travels over rising ground."""
+"""Altitude keeping of a simulated vehicle without an autopilot."""
 
 import math
 
@@ -13,7 +13,7 @@ RAISED_M, LOWERED_M = 0.05, 0.3
 
 
 class KeptAltitude:
-    """The depth of one vehicle that keeps its altitude."""
+    """Limits the depth of one vehicle so that it keeps its altitude."""
 
     def __init__(self, least_m: float) -> None:
         """Keeps `least_m` (m) above the ground; 0: does nothing."""

@@ -1,8 +1,8 @@
 """A vehicle that follows the trajectory of an autopilot of its own, instead of the planner's legs.
 
 The autopilot steers by the estimated state: the vehicle's velocity over ground is the trajectory's, plus `GAIN` times
-what the estimate is off. Errors of heading and DVL turn into errors of the true position. The speed through the water
-is limited, so a strong current carries the vehicle off.
+the estimate's distance from it. Errors of heading and DVL turn into errors of the true position. The speed through the
+water is limited, so a strong current carries the vehicle off.
 """
 
 import math

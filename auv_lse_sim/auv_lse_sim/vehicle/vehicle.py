@@ -28,7 +28,7 @@ SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
 #: An ideal vehicle within this distance of a leg's start is on the leg (plans are rounded to 32 bits).
 RAILS_M = 0.01
-#: Depth control ignores smaller changes (m) of the travel depth: they are noise of what commands it.
+#: Depth control ignores smaller changes (m) of the travel depth: they are noise in the commands.
 DEPTH_BAND_M = 0.1
 #: Smaller turns count as straight: MAVLink's rounding to centimetres turns a straight by up to half of this.
 NO_TURN_RAD = 1e-3
@@ -96,7 +96,7 @@ class SimVehicle:
         self._clearance_m = clearance_m
         draws = rng.standard_normal(8)
         self._travel_m = config.depth_m
-        self._altitude, self._kept_m = KeptAltitude(0.0), math.inf  # and the depth that it allows
+        self._altitude, self._kept_m = KeptAltitude(0.0), math.inf  # the keeper, and the depth that it allows
         self._model = initial_model(config, sim, more, draws)
         self._rails = bool(self._params.ideal_motion and self._params.ideal_navigation)
         self._speed_share = speed_share(sim, draws)
@@ -411,7 +411,7 @@ class SimVehicle:
         return soundings
 
     def keep_altitude(self, least_m: float) -> None:
-        """Makes the vehicle climb where its echo sounder shows ground nearer than `least_m` (m); 0: it does not."""
+        """Makes the vehicle climb where its echo sounder shows ground nearer than `least_m` (m); 0: never."""
         self._altitude = KeptAltitude(least_m)
 
     @property

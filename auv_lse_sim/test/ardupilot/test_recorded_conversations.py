@@ -18,7 +18,7 @@ from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.wire import MavlinkCodec, mavlink
 from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
 from auv_lse_sim.emulated.ardupilot.personality import ROVER, SUB, Personality
-from auv_lse_sim.emulated.ardupilot.setup import Setup, as_the_guide_says
+from auv_lse_sim.emulated.ardupilot.setup import Setup, recommended_parameters
 from auv_lse_sim.emulated.autopilot_report import Report
 
 if FOLDER is None:
@@ -173,7 +173,7 @@ class Replay:
         position, yaw = (first.x, first.y), self._first["ATTITUDE"].yaw
         setup = Setup(
             personality=story.personality,
-            parameters=as_the_guide_says(story.personality, 245) | story.parameters,
+            parameters=recommended_parameters(story.personality, 245) | story.parameters,
             aiding="gps" if story.has_gps else "dvl",
             has_origin=story.has_origin,
             feeds=False,

@@ -32,9 +32,9 @@ class Dive(LoneVehicle):
 
     def fly(self, seconds: int) -> None:
         for _ in range(seconds):
-            heard = len(self.told)
+            heard = len(self.events)
             self.depths_m.append(self.tick().truth.depth_m)
-            for event in self.told[heard:]:
+            for event in self.events[heard:]:
                 if isinstance(event, AutopilotState):
                     self.watch.autopilot(event.report)
                 elif isinstance(event, AutopilotEstimate):
@@ -47,7 +47,7 @@ class Dive(LoneVehicle):
                 self.warned_s = min(self.warned_s, self.now_s)
 
     def of(self, kind):
-        return [event for event in self.told if isinstance(event, kind)]
+        return [event for event in self.events if isinstance(event, kind)]
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ class Dive(LoneVehicle):
             self.raw.append((output.dead_reckoning.north_m, output.dead_reckoning.east_m))
 
     def of(self, kind):
-        return [event for event in self.told if isinstance(event, kind)]
+        return [event for event in self.events if isinstance(event, kind)]
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])
@@ -54,9 +54,9 @@ def test_the_safety_watch_acts_on_an_autopilot_that_refuses_ignores_or_never_sto
 
     def fly(seconds):
         for _ in range(seconds):
-            told = len(dive.told)
+            told = len(dive.events)
             dive.fly(1)
-            for event in dive.told[told:]:
+            for event in dive.events[told:]:
                 if isinstance(event, AutopilotState):
                     watch.autopilot(event.report)
                 if isinstance(event, AutopilotEstimate):

@@ -406,7 +406,7 @@ def test_a_raster_with_too_many_nodes_is_read_as_means_of_blocks(tmp_path, monke
         monkeypatch.setattr(module, "MAX_GRID_NODES", 500)
     ground = load_ground(path)
     check_bottom(ground, offset=(205.0, 195.0), tolerance=0.6)  # its middle; the last row and column are left out
-    assert "means of 2 x 2 nodes, as it has 41 x 41" in ground.describe()
+    assert "means of 2 x 2 nodes, from 41 x 41" in ground.describe()
     for module in (gdal_ground, grid_ground):
         monkeypatch.setattr(module, "MAX_GRID_NODES", 35)
     with pytest.raises(GroundError, match=r"has 41 x 41 nodes, more than 35 blocks of 6 x 6\. Cut the grid"):

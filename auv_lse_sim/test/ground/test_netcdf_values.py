@@ -126,7 +126,7 @@ def test_a_grid_with_too_many_nodes_is_read_as_means_of_blocks(tmp_path, monkeyp
         monkeypatch.setattr(module, "MAX_GRID_NODES", 500)
     path = netcdf(tmp_path / "large.nc", {"depth": (values[::turn], data["depth"][1])}, turn)
     coarse = load_ground(path, DOWN, origin=(47.0, 9.0))
-    assert "means of 2 x 2 nodes, as it has 41 x 41" in coarse.describe()
+    assert "means of 2 x 2 nodes, from 41 x 41" in coarse.describe()
     at = np.meshgrid(np.linspace(60.0, 350.0, 20), np.linspace(60.0, 350.0, 20))
     assert coarse.depth_m(*at) == pytest.approx(fine.depth_m(*at), abs=0.3)  # means of 20 m
     assert np.isnan(coarse.depth_m(10.0, 10.0))

@@ -64,7 +64,7 @@ class AutoMission:
         return True
 
     def enter(self) -> None:
-        """AUTO is entered: the mission starts or continues, unless it is complete."""
+        """Handles the start of mode AUTO: the mission starts or continues, unless it is complete."""
         if self.state == NOT_STARTED:
             self.state, self.current = ACTIVE, max(self.current, 1)
 
@@ -81,7 +81,7 @@ class AutoMission:
         return True
 
     def reach(self) -> None:
-        """The current item is reached: the next one follows, if there is one."""
+        """Advances from the reached item to the next one; completes the mission after the last."""
         if self.current >= self.total:
             self.state = COMPLETE
         else:

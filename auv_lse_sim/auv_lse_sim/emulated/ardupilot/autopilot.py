@@ -38,7 +38,7 @@ OPERATOR_S = 10.0
 TIMESYNC_S, ELEVATION_S, RUNTIME_S, GROUND_PRESSURE_S = 10.0, 1.0, 30.0, 11.0
 #: A vehicle this deep (m) is at the surface; a target within this distance (m) of the vehicle is a stop.
 SURFACE_M, STOP_M = 0.3, 3.0
-#: A mission item is reached within this (m), whatever its own radius, and no sooner than this (s) after its begin.
+#: A mission item is reached within this distance (m), whatever its own radius, and this time (s) after its start.
 REACHED_M, REACHED_S = 2.0, 1.5
 #: SURFACE lasts at least this (s); a boot is critical for this (s).
 SURFACE_S, BOOT_S = 1.0, 1.5
@@ -73,7 +73,7 @@ class ArduPilot:
             system_id: MAVLink system id (the vehicle's number).
             start: Heading (rad), north, east (m).
             origin: The mission's origin; None: no geodetic positions.
-            take_over: Takes the pilot when the vehicle is armed first.
+            take_over: Called with the pilot when the vehicle is first armed.
             setup: How it is installed.
         """
         self.counts: Counter[str] = Counter()
@@ -101,7 +101,7 @@ class ArduPilot:
         self._start_up()
 
     def _start_up(self) -> None:
-        """What a boot resets."""
+        """Resets the state that a boot clears."""
         self.armed, self.mode = False, self.own.manual
         self.mission = AutoMission()
         self._upload = MissionProtocol(self.send, self._accept, asks_int=False)
@@ -302,17 +302,17 @@ class ArduPilot:
             self.send(mavlink.MAVLink_timesync_message(0, round(self.estimator.up_s * 1e9) + 1))
         if self._is_due("runtime", RUNTIME_S):
             self.parameters.put(STAT_RUNTIME=float(round(self.estimator.up_s)))
-            self._parameter_protocol.tell("STAT_RUNTIME")
+            self._parameter_protocol.send_value("STAT_RUNTIME")
         if not self.armed and self._is_due("ground pressure", GROUND_PRESSURE_S):
             self.parameters.put(BARO1_GND_PRESS=self._last.pressure_pa)
-            self._parameter_protocol.tell("BARO1_GND_PRESS")
+            self._parameter_protocol.send_value("BARO1_GND_PRESS")
         if not self.armed and self.estimator.has_origin and self._is_due("elevation", ELEVATION_S):
             self.say(INFO, "Field Elevation Set: 0m")
 
     # ------------------------------------------------------------------ modes, targets, missions
 
     def _enter_mode(self) -> None:
-        """The motors and the target in the present mode; `_target` and `_speed_mps` are cleared."""
+        """Sets the motors and the target for the present mode; clears `_target` and `_speed_mps`."""
         self._target, self._speed_mps = None, math.nan
         if not self.armed:
             return
@@ -405,7 +405,7 @@ class ArduPilot:
         self.mission.load(tuple(items))
         self.counts["missions"] += 1
         self.parameters.put(MIS_TOTAL=float(len(items)))
-        self._parameter_protocol.tell("MIS_TOTAL")
+        self._parameter_protocol.send_value("MIS_TOTAL")
         self.say(INFO, "Flight plan received")
         if self.own.surface is None and self.mission.state == ACTIVE and self.mode == self.own.auto:
             for _ in range(2):

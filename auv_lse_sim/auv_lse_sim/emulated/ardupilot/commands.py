@@ -10,7 +10,7 @@ from auv_lse_sim.emulated.ardupilot.streams import Streams
 
 
 class Commanded(Protocol):
-    """What commands do to an autopilot."""
+    """The parts of an autopilot that commands act on."""
 
     parameters: Parameters
     streams: Streams
@@ -61,7 +61,7 @@ def _reboot(autopilot: Commanded, command: Message) -> bool:
     return False
 
 
-#: What each command does; returns whether it could. MISSION_START is acknowledged without effect.
+#: Handler of each command; returns whether it succeeded. MISSION_START is acknowledged without effect.
 COMMANDS: dict[int, Callable[[Commanded, Message], bool]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: lambda pilot, command: pilot.arm(command.param1 == 1.0),
     mavlink.MAV_CMD_DO_SET_MODE: lambda pilot, command: pilot.set_mode(int(command.param2)),
@@ -77,7 +77,7 @@ COMMANDS: dict[int, Callable[[Commanded, Message], bool]] = {
 }
 
 
-#: What REQUEST_MESSAGE sends, by message id. The origin's request is accepted even if there is none to send.
+#: Handlers of REQUEST_MESSAGE by message id. The origin's request is accepted even if there is none to send.
 MESSAGES: dict[int, Callable[[Commanded], None]] = {
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda pilot: pilot.send(
         telemetry.version(round(pilot.parameters["SYSID_THISMAV"]))

@@ -1,4 +1,4 @@
-"""When a simulated ArduPilot's estimator knows where it is: its origin, its clock since boot, its position."""
+"""A simulated ArduPilot's estimator: its origin, its time since boot, and whether it has a position."""
 
 import math
 
@@ -6,8 +6,8 @@ from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_mavlink.messages.wire import Message, mavlink
 from auv_lse_sim.emulated.ardupilot.setup import Setup
 
-#: Times (s): an autopilot that was switched on before the simulation has run for so long; one that boots with GPS has
-#: its origin after this, and uses GPS after that.
+#: Times (s): since boot when the simulation begins; from a boot with GPS until it has its origin, and until it uses
+#: GPS.
 RUNNING_S, GPS_ORIGIN_S, GPS_USED_S = 120.0, 19.0, 40.0
 
 
@@ -15,8 +15,8 @@ class Estimator:
     """The estimator of one autopilot.
 
     Attributes:
-        datum: The mission's origin and its own.
-        height_m: Height of its own above the surface.
+        datum: The mission's origin and the estimator's.
+        height_m: Height of the estimator's origin above the surface.
     """
 
     def __init__(self, setup: Setup, mission: Origin | None) -> None:
@@ -84,7 +84,7 @@ class Estimator:
         ]
 
     def settle(self, has_fix: bool) -> bool:
-        """With GPS it sets its origin itself, some time after it has booted; returns whether it does now."""
+        """Sets the origin from GPS once `GPS_ORIGIN_S` have passed since boot; returns whether it did so now."""
         if self._has_origin or not (self.uses_gps and has_fix) or self.up_s < GPS_ORIGIN_S:
             return False
         self.take(self._setup.origin or self.datum.mission)

@@ -1,7 +1,7 @@
 """Failsafes of ArduSub and ArduRover: a silent ground station, a silent pilot, a leak.
 
-A ground station counts once it was heard. Until then its silence has no effect; afterwards the vehicle reacts to it
-each time it is armed.
+A ground station counts once its heartbeat has been heard. Until then its silence has no effect; afterwards the vehicle
+reacts to it each time it is armed.
 """
 
 import enum
@@ -17,7 +17,7 @@ CRITICAL, WARNING, INFO = 2, 4, 6
 
 
 class Response(enum.Enum):
-    """What a failsafe does."""
+    """The reaction of a failsafe."""
 
     NOTHING = "nothing"
     DISARM = "disarm"
@@ -25,7 +25,7 @@ class Response(enum.Enum):
     SURFACE = "surface"
 
 
-#: What ArduSub's FS_GCS_ENABLE does by its value, and ArduRover's.
+#: Reaction to a lost ground station by the value of ArduSub's FS_GCS_ENABLE.
 _SUB_GCS = {2: Response.DISARM, 3: Response.HOLD, 4: Response.SURFACE}
 
 
@@ -65,7 +65,7 @@ class Failsafes:
         return self._gcs_lost or self._pilot_lost
 
     def step(self, now_s: float, armed: bool) -> tuple[Response, list[tuple[int, str]]]:
-        """Judges what is silent; returns what to do now, and texts with their severities."""
+        """Checks for silence and leaks; returns the reaction, and texts with their severities."""
         if math.isinf(self._pilot_s):
             self._pilot_s = now_s
         texts: list[tuple[int, str]] = []
@@ -94,7 +94,7 @@ class Failsafes:
         return Response.HOLD if is_boat else _SUB_GCS.get(setting, Response.NOTHING)
 
     def disarmed(self) -> None:
-        """The vehicle is disarmed: ArduSub reacts again when it is armed."""
+        """Handles disarming: ArduSub reacts again the next time it is armed."""
         if self._own.surface is not None:
             self._gcs_lost = False
 

@@ -41,7 +41,7 @@ LAG_M = 1.0
 ARRIVED_M = 0.3
 #: The boat holds within this distance (m) of its target, and changes its speed by this much (m/s^2).
 HOLD_RADIUS_M, BOAT_MPS2 = 2.0, 1.0
-#: It turns by so much per second for each radian off its course, at most this (rad/s), and creeps meanwhile (m/s).
+#: Rate of turn per radian off its course (1/s), its limit (rad/s), and the speed in a sharp turn (m/s).
 COURSE_GAIN, TURN_RADPS, CREEP_MPS = 2.0, 1.0, 0.2
 #: With motors that are off its speed falls by this share of its square (1/m). It is computed in steps of this (s).
 DRAG_PM, STEP_S = 0.245, 0.1

@@ -22,19 +22,19 @@ class ParameterProtocol:
         if kind == "PARAM_REQUEST_READ":
             names = self._parameters.names
             by_index = 0 <= message.param_index < len(names)
-            self.tell(names[message.param_index] if by_index else message.param_id, by_index)
+            self.send_value(names[message.param_index] if by_index else message.param_id, by_index)
         elif kind == "PARAM_REQUEST_LIST":
             for name in self._parameters.names:
-                self.tell(name, by_index=True)
+                self.send_value(name, by_index=True)
         elif kind == "PARAM_SET":
             self._parameters.change(message.param_id, message.param_value)
-            self.tell(message.param_id)
+            self.send_value(message.param_id)
         else:
             return False
         return True
 
-    def tell(self, name: str, by_index: bool = False) -> None:
-        """Sends a parameter by its name on the wire, if there is one of that name."""
+    def send_value(self, name: str, by_index: bool = False) -> None:
+        """Sends the parameter with this name on the wire, if there is one."""
         found = self._parameters.on_wire(name)
         if found is not None:
             index = found.index if by_index else NO_INDEX

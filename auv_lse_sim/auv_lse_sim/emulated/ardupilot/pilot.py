@@ -9,8 +9,8 @@ import numpy as np
 from auv_lse_common.support.arrays import Array
 from auv_lse_sim.emulated.ardupilot.guidance import Guidance, Pose
 
-#: Legs that end farther apart (m) than this are two.
-OTHER_M = 0.5
+#: Legs whose ends are at most this far apart (m) are the same leg.
+SAME_LEG_M = 0.5
 
 
 class OrderedPilot:
@@ -34,12 +34,12 @@ class OrderedPilot:
 
     def begin_leg(self, end_m: tuple[float, float]) -> None:
         """Counts a leg by its end (north, east m), unless it continues after a stop, another mode or a restart."""
-        if self._leg_end_m is None or math.dist(self._leg_end_m, end_m) > OTHER_M:
+        if self._leg_end_m is None or math.dist(self._leg_end_m, end_m) > SAME_LEG_M:
             self.step += 1
         self._leg_end_m = end_m
 
     def order(self, now_s: float, order: Callable[[float], None]) -> None:
-        """Queues an order, which is given its time (s)."""
+        """Queues a function that is called with the order's time (s)."""
         self._orders.append((now_s, order))
 
     def at(self, now_s: float) -> Pose:

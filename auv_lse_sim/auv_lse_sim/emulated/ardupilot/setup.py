@@ -23,10 +23,10 @@ class Setup:
         origin: That origin; None: the mission's.
         origin_height_m: Height of that origin, and of home, above the surface.
         operator_mode: The mode that an operator chooses after arming on deck, and after a failsafe has ended; None:
-            nobody arms it or chooses a mode.
+            the vehicle stays disarmed in MANUAL.
         patience: Factor on the ground station's time limit, for simulations that run faster than real time.
         feeds: Whether another system on the same network feeds the range finder, so that its messages arrive too.
-        lasts_m: Way that its full battery lasts.
+        lasts_m: Distance that it covers on a full battery.
     """
 
     personality: Personality
@@ -42,7 +42,7 @@ class Setup:
     lasts_m: float = math.inf
 
 
-def as_the_guide_says(personality: Personality, station: int, speed_mps: float = 1.0) -> dict[str, float]:
+def recommended_parameters(personality: Personality, station: int, speed_mps: float = 1.0) -> dict[str, float]:
     """Parameters of a vehicle that was set up for the link (docs/guide): rates, failsafes, range finder.
 
     Args:

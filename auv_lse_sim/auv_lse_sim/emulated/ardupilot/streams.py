@@ -21,7 +21,7 @@ MAVLINK_RANGE_FINDER = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """What an autopilot reports beside the vehicle's state and its estimator's.
+    """State that an autopilot reports besides the vehicle's and its estimator's.
 
     Attributes:
         target_m: North, east of the present target (m); None: there is none.
