@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     c.set_defaults(call=run_list)
     c = commands.add_parser("info", help="subscriptions, publications, services and clients of a node")
     add_graph_options(c)
-    c.add_argument("node", metavar="NODE", help="full name, as /auv1/planner_node")
+    c.add_argument("node", metavar="NODE", help="full name, such as /auv1/planner_node")
     c.set_defaults(call=run_info)
     return p
 

@@ -79,11 +79,11 @@ class MissionProgress:
         found, undiscovered_m, deviation_m = zip(*known, strict=True)
         parts = []
         if self.until.found is not None:
-            parts.append(f"{100.0 * min(found):.0f} % found (asked {100.0 * self.until.found:g} %)")
+            parts.append(f"{100.0 * min(found):.0f} % found (required {100.0 * self.until.found:g} %)")
         if self.until.undiscovered_m is not None:
-            parts.append(f"at most {max(undiscovered_m):.0f} m undiscovered (asked {self.until.undiscovered_m:g} m)")
+            parts.append(f"at most {max(undiscovered_m):.0f} m undiscovered (required {self.until.undiscovered_m:g} m)")
         if self.until.deviation_m is not None and not any(map(math.isnan, deviation_m)):
-            parts.append(f"line within {max(deviation_m):.1f} m (asked {self.until.deviation_m:g} m)")
+            parts.append(f"line within {max(deviation_m):.1f} m (required {self.until.deviation_m:g} m)")
         return f"quality: {', '.join(parts)}" if parts else ""
 
     @property

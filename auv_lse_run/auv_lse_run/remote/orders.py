@@ -203,7 +203,7 @@ class OrderBook:
         if not self.controller or self.controller["laptop"] == order.laptop or order.verb == "abort":
             return None
         by = self.controller
-        return Answer(FOREIGN, f"{by['name']} commands this vehicle since {by['at']}. Take over with --take-over.")
+        return Answer(FOREIGN, f"{by['name']} has commanded this vehicle since {by['at']}. Use --take-over.")
 
     def _put(self, order: Order, answer: Answer | None) -> None:
         self._highest[order.laptop] = max(order.number, self._highest.get(order.laptop, 0))

@@ -179,7 +179,7 @@ class DiveRecord:
         """The values of the last record, empty without one, and the reasons why it is not trusted."""
         values, reason = read_state(self._path, self._name)
         if values and not set(values) >= _KEYS:
-            values, reason = {}, f"{self._path} is of another version"
+            values, reason = {}, f"{self._path} was written by another version"
         if not reason:
             return values, self._contradictions(values)
         if os.path.lexists(self._path):
@@ -212,7 +212,7 @@ class DiveRecord:
                 continue
             copy, reason = read_state(path, self._name)
             if reason or not set(copy) >= _KEYS:
-                doubts.append(reason or f"{path} is of another version")
+                doubts.append(reason or f"{path} was written by another version")
             elif not copy["over"] and copy["dive"] != dive:
                 doubts.append(f"{path} has dive {copy['dive']} in {copy['out']}, which was not ended")
         return doubts

@@ -101,7 +101,7 @@ def test_a_second_laptop_may_abort_and_take_over() -> None:
     acted(book, order(2, "hold", "two"))
     answer = book.take(order(2), 0.0, "")
     assert answer is not None
-    assert "two@boat commands this vehicle since noon" in answer.text
+    assert "two@boat has commanded this vehicle since noon" in answer.text
 
 
 def test_old_answers_are_forgotten_and_their_orders_stay_executed() -> None:

@@ -71,7 +71,7 @@ def test_the_worst_map_is_shown_beside_the_quality_that_ends_the_mission() -> No
         until=UntilConfig(found=0.9, undiscovered_m=200.0),
         qualities={1: (0.62, 410.0, 8.0), 2: (0.71, 380.0, math.nan)},
     )
-    text = "quality: 62 % found (asked 90 %), at most 410 m undiscovered (asked 200 m)"
+    text = "quality: 62 % found (required 90 %), at most 410 m undiscovered (required 200 m)"
     assert text in progress.line
     assert text in displayed(progress, terminal=True)
     unjudged = MissionProgress(

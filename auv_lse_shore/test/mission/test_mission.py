@@ -242,7 +242,7 @@ def test_both_wirings_end_alike_with_the_quality_asked_for(tmp_path: Path) -> No
         assert ros.decisions[-1].plan.quality_reached
     assert json.loads((folder / "summary.json").read_text())["quality_reached"] is True
     assert f"ended because the quality asked for was reached, at step {by_ros.steps} of 30" in done.stdout
-    assert re.search(r"quality: at most [\d,]+ m undiscovered \(asked 5000 m\)", done.stdout)
+    assert re.search(r"quality: at most [\d,]+ m undiscovered \(required 5000 m\)", done.stdout)
     assert "interrupted" not in done.stdout
     assert replay([str(folder), "--recompute", "planner"]) == 0
 
