@@ -90,7 +90,7 @@ def _error(name: str, value: float, error: float) -> str:
 
 
 def _widened(result: Fit, level_m: float, locations_m: Array) -> Fit:
-    """The fit with a standard deviation that does not exclude a level (m), and a warning; as it is if it suits."""
+    """The fit with a standard deviation that does not exclude a level (m), and a warning; unchanged if it suits."""
     found = excluded_level(result.config, level_m, locations_m)
     if found is None:
         return result

@@ -47,7 +47,7 @@ class AreaFiles:
         return content
 
     def notes(self, vehicles: int) -> list[str]:
-        """Sentences about the file that was read last, for a mission of so many vehicles; none if there is none."""
+        """Sentences about the file that was read last, for a mission with this many vehicles; none before a file."""
         return [text for path, content in self.read[-1:] for text in notes_on(path, content, vehicles)]
 
 
@@ -110,7 +110,7 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
 
 
 def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
-    """Sentences about what a mission of so many vehicles uses and ignores of a file."""
+    """Sentences about what a mission with this many vehicles uses and ignores of a file."""
     used = [f"the area {content.area_name!r}" if content.area_name else "the area"] if content.area is not None else []
     used += [f"no-go area {name}" for name in content.no_go]
     used += ["the shore"] if content.shores else []

@@ -65,7 +65,7 @@ def corner_table_features(path: Path) -> list[Feature]:
 
 
 def _by_hemispheres(table: WholeTable) -> dict[str, Column]:
-    """The columns of two without a header, if the hemispheres in every cell show which is which; else {}."""
+    """Latitude and longitude of two columns without a header, if every cell has its hemisphere; else {}."""
     rows = table.dialect.sample
     for order in (("lat", "lon"), ("lon", "lat")) if not table.dialect.header and len(rows) == table.count else ():
         if all(

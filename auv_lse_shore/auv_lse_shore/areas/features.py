@@ -11,12 +11,12 @@ import numpy as np
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.arrays import Array
 
-#: Properties that state what a feature is, most explicit first, and those that name it; capitals do not count.
+#: Properties that state what a feature is, most explicit first, and those that name it; case-insensitive.
 _ROLE_KEYS = ("role", "type", "kind", "class", "category", "zone", "use", "usage")
 _NAME_KEYS = ("name", "title", "label", "id")
 #: Characters of a geometry that an error quotes.
 _MOST = 100
-#: What stands for true and false.
+#: Words for true and false.
 TRUE = ("true", "yes", "y", "t", "x", "on", "1", "1.0", "ja", "oui", "si", "sí")
 FALSE = ("false", "no", "n", "f", "off", "0", "0.0", "nein", "non")
 
@@ -34,7 +34,7 @@ class Feature:
         rings: Those of a polygon, the outer one first, then its holes.
         point: Latitude, longitude.
         closes: Whether a line that is open may be closed to an outline: "" (no), "route" or "track".
-        assumed: What was assumed of its coordinates; "" if nothing.
+        assumed: Assumption about its coordinates; "" if none.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Feature:
 
 
 def is_resource_fork(name: str) -> bool:
-    """Whether a file in an archive is not content but what macOS adds beside it."""
+    """Whether a file in an archive is not content but an addition of macOS."""
     return name.startswith("__MACOSX/") or name.rpartition("/")[2].startswith("._")
 
 

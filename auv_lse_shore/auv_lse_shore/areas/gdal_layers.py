@@ -72,7 +72,7 @@ def _layer(path: Path, layer: str, where: str) -> Iterator[Feature]:
     prj = f" ({path.stem}.prj is missing)" if path.suffix.lower() == ".shp" else ""
     if known["crs"] is None and _are_metres(geometries):
         raise ParameterError(
-            f"{where}: the layer {layer!r} has no coordinate reference system{prj}, and its coordinates are no "
+            f"{where}: the layer {layer!r} has no coordinate reference system{prj}, and its coordinates are not "
             "degrees. Set it in QGIS, and save the layer as EPSG:4326"
         )
     missing = f"the layer {layer!r} has no coordinate reference system{prj}; its degrees are taken as WGS84"

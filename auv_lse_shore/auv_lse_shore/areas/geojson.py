@@ -10,7 +10,7 @@ from auv_lse_shore.areas.projection import to_degrees
 
 
 def json_of(text: str) -> Any:
-    """The value of a JSON text; of one with a feature on each line (GeoJSONSeq) their collection.
+    """The value of a JSON text; for one feature per line (GeoJSONSeq), their collection.
 
     Raises:
         ValueError: if it is not JSON.

@@ -38,8 +38,8 @@ def gpx_features(root: Element, where: str) -> Iterator[Feature]:
 def _lines(element: Element, where: str) -> list[tuple[str, Array]]:
     """The lines of a route or track, and what is added to its name for each.
 
-    The segments of a track are one line if a way around was paused: each goes on where the one before ended, and at
-    most one returns to its own start. Segments of one point are left out.
+    The segments of a track become one line if the recording was paused on the way around: each starts where the last
+    one ended, and at most one returns to its own start. Segments of one point are left out.
     """
     if element.tag == "rte":
         return [("", line_of([_position(point, where) for point in element.iter("rtept")]))]

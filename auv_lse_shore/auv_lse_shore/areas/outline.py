@@ -10,7 +10,7 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 
 #: Largest gap between the ends of a track, as a share of its length.
 MAX_GAP = 0.1
-#: Least share of the enclosed ground that one loop of the line must have; the others are small loops of a GPS track.
+#: Minimum share of the enclosed ground in the main loop of the line; the others are small loops of a GPS track.
 _MAIN_LOOP = 0.95
 #: Corners of a recorded track closer than this (m) to the simplified one are left out.
 _TOLERANCE_M = 0.5

@@ -17,7 +17,7 @@ from auv_lse_shore.areas.features import FALSE, TRUE, Feature, ring_of
 _CIRCLE_CORNERS = 36
 #: The role of a fence that vehicles stay inside; `roles` prefers a survey inside it.
 _INSIDE = "inclusion fence"
-#: Numbers with commas and without points: of a line with more than two, they are decimals.
+#: Numbers joined by commas, without points: decimal commas if a line has more than two such groups.
 _DECIMAL_COMMAS = re.compile(r"[+-]?\d+(?:,[+-]?\d+)+[,;]?")
 _DEGREES = re.compile(r"-?\d+\.\d+")
 #: MAV_CMD_NAV_FENCE_* and rally points in a waypoint file.

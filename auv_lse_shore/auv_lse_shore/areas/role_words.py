@@ -31,14 +31,14 @@ _OBJECTS = (
     r"|ilhas?|ilheus?|rochas?"
     r"|eiland|eilanden|rotsen|holme|holmen|skar|skjær"
 )
-#: Waters that are called after them: "Island Lake", "Rock Creek", "Lac de l'Île".
+#: Waters that are named after them: "Island Lake", "Rock Creek", "Lac de l'Île".
 _NAMED_WATERS = re.compile(
     rf"\b(?:{_RISKS}|{_OBJECTS}) (?:lakes?|reservoir|ponds?|loch|lough|lagoon|tarn|meer|see)\b"
     rf"|\b(?:{_OBJECTS}) (?:creek|river|bay|cove|inlet|harbou?r|quarry|pool)\b"
     r"|\b(?:lakes? of|lac|etang|lago|laguna|lagoa|embalse)(?: (?:the|de|des|du|d|l|la|las|los|el|del|dell\w?|della"
     rf"|delle|degli|di|da|das|do|dos))* (?:{_OBJECTS})\b"
 )
-#: The words of each role. The first role of which a text has a word counts.
+#: The words of each role. The first role with a word in the text counts.
 _ROLES = {
     "no_go": re.compile(rf"\b(?:{_KEEP_OUT}|{_RISKS}|{_OBJECTS})\b"),
     "start": re.compile(r"\b(start|launch)\b"),
@@ -68,5 +68,5 @@ def states_keep_out(text: str) -> bool:
 
 
 def is_no_go_title(text: str) -> bool:
-    """Whether a document states by its title that it holds only no-go areas: lakes are called after islands, too."""
+    """Whether a document states by its title that it holds only no-go areas: lakes are named after islands, too."""
     return _NO_GO_TITLE.fullmatch(words(text)) is not None

@@ -1,4 +1,4 @@
-"""What the features of an area file are for, by their names, properties and folders.
+"""Finds the purpose of an area file's features, by their names, properties and folders.
 
 A feature's name, a property such as `role` or `type`, its folder, or a document's title defines its use: "no-go ...",
 "start ...", "recovery ...", "shore ...". A number in the name of a start or recovery position is the vehicle number. A
@@ -83,7 +83,7 @@ def listed_names(names: Sequence[str]) -> str:
 
 
 def _kind(feature: Feature) -> str:
-    """What an unnamed feature is."""
+    """The kind of an unnamed feature, in words."""
     if feature.rings:
         return "polygon without a name"
     return "line without a name" if feature.line is not None else "point without a name"
@@ -200,7 +200,7 @@ def _shores(feature: Feature) -> list[Array]:
 
 def _add_position(content: AreaContent, role: str, feature: Feature, where: str) -> None:
     assert feature.point is not None
-    number = re.search(r"\d+", f"{feature.role_text} {feature.name}"[:80])  # Python converts no endless ones
+    number = re.search(r"\d+", f"{feature.role_text} {feature.name}"[:80])  # Python refuses to convert very long ones
     found = content.starts if role == "start" else content.recoveries
     key = int(number[0]) if number else (max(found, default=0) + 1 if role == "start" else 0)
     if key in found or not 0 <= key <= 255 or (role == "start" and key == 0):

@@ -7,7 +7,7 @@ from xml.parsers import expat
 
 from auv_lse_common.mission_file.parameters import ParameterError
 
-#: Elements nested deeper than this are no map.
+#: Maximum nesting of elements; no map needs more.
 _MAX_DEPTH = 200
 
 
@@ -17,7 +17,7 @@ def read_xml(data: bytes, where: str) -> Element:
     A document that is not well formed because of its declared encoding, or of `&` and entities of HTML, is repaired.
 
     Raises:
-        ParameterError: if it is no XML, or has a document type declaration.
+        ParameterError: if it is not XML, or has a document type declaration.
     """
     data = data.lstrip(b"\xef\xbb\xbf \t\r\n") if data[:2] not in (b"\xff\xfe", b"\xfe\xff") else data
     try:

@@ -57,8 +57,8 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
     axes = figure.subplots(1, len(MAIN), sharey=True)
     rng = np.random.default_rng(0)
     for axis, column in zip(axes, MAIN, strict=True):
-        for location, rows in enumerate(groups.values()):
-            _dots(axis, known_values(rows, column), location, rng)
+        for index, rows in enumerate(groups.values()):
+            _dots(axis, known_values(rows, column), index, rng)
         axis.set_title(_title(column), fontsize=8.5)
         axis.set_xlim(*_range(column, groups.values()))
         add_grid(axis, "x")
@@ -70,7 +70,7 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
 
 
 def _title(column: str) -> str:
-    """A heading in two short lines: beside it is that of the next panel."""
+    """A heading in two short lines, narrow enough for the panels side by side."""
     heading = HEADINGS[column]
     return heading.replace(", ", ",\n", 1) if ", " in heading else heading.replace(" (", "\n(")
 
@@ -84,12 +84,12 @@ def _range(column: str, groups: Iterable[Sequence[Row]]) -> tuple[float, float]:
     return min(values) - room, max(values) + room
 
 
-def _dots(axis: Any, values: Sequence[float], location: int, rng: np.random.Generator) -> None:
-    color, mean = COLORS[location % len(COLORS)], interval(values)
-    axis.plot(values, location + rng.uniform(-0.22, 0.22, len(values)), ".", ms=3.0, color=color, alpha=0.4, mew=0)
+def _dots(axis: Any, values: Sequence[float], index: int, rng: np.random.Generator) -> None:
+    color, mean = COLORS[index % len(COLORS)], interval(values)
+    axis.plot(values, index + rng.uniform(-0.22, 0.22, len(values)), ".", ms=3.0, color=color, alpha=0.4, mew=0)
     if mean.count > 1:
-        axis.plot([mean.low, mean.high], [location, location], color="black", lw=1.6, solid_capstyle="butt")
-    axis.plot(mean.mean, location, "o", ms=4.5, color=color, mec="black", mew=0.8)
+        axis.plot([mean.low, mean.high], [index, index], color="black", lw=1.6, solid_capstyle="butt")
+    axis.plot(mean.mean, index, "o", ms=4.5, color=color, mec="black", mew=0.8)
 
 
 @styled
@@ -99,8 +99,8 @@ def curves(groups: Mapping[str, Sequence[Row]], columns: Sequence[tuple[str, str
     figure = new_figure(WIDTH_IN, 2.9 + 0.17 * ((len(shown) + 2) // 3))
     axes = figure.subplots(1, 2)
     for axis, (column, label) in zip(axes, columns, strict=True):
-        for location, (_, rows) in enumerate(shown):
-            _curve(axis, [r[column] for r in rows if r.get(column)], location)
+        for index, (_, rows) in enumerate(shown):
+            _curve(axis, [r[column] for r in rows if r.get(column)], index)
         axis.set_xlabel("step")
         axis.set_ylabel(label)
         axis.set_xlim(left=0)
@@ -113,11 +113,11 @@ def curves(groups: Mapping[str, Sequence[Row]], columns: Sequence[tuple[str, str
     return figure
 
 
-def _line(location: int) -> dict[str, Any]:
-    return {"color": COLORS[location % len(COLORS)], "ls": DASHES[location // len(COLORS) % len(DASHES)], "lw": 1.4}
+def _line(index: int) -> dict[str, Any]:
+    return {"color": COLORS[index % len(COLORS)], "ls": DASHES[index // len(COLORS) % len(DASHES)], "lw": 1.4}
 
 
-def _curve(axis: Any, runs: Sequence[Sequence[float | None]], location: int) -> None:
+def _curve(axis: Any, runs: Sequence[Sequence[float | None]], index: int) -> None:
     """Mean of a curve over runs, where all of them have a value, and its confidence interval."""
     if not runs:
         return
@@ -125,10 +125,10 @@ def _curve(axis: Any, runs: Sequence[Sequence[float | None]], location: int) -> 
     values = np.array([[np.nan if v is None else v for v in run[:length]] for run in runs])
     at = np.flatnonzero(np.isfinite(values).all(axis=0))
     mean = values[:, at].mean(axis=0)
-    axis.plot(at, mean, **_line(location))
+    axis.plot(at, mean, **_line(index))
     if len(runs) > 2:
         half = np.array([interval(column).half for column in values[:, at].T])
-        axis.fill_between(at, mean - half, mean + half, color=COLORS[location % len(COLORS)], alpha=0.13, lw=0)
+        axis.fill_between(at, mean - half, mean + half, color=COLORS[index % len(COLORS)], alpha=0.13, lw=0)
 
 
 @styled

@@ -33,7 +33,7 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
     if len(paths) != 1:
         found = ", ".join(path.stem for path in paths[:3]) or "none"
         raise CampaignError(
-            f"--rerun {wanted}: {len(paths)} missions of {folder} have an id that begins so ({found}). "
+            f"--rerun {wanted}: {len(paths)} missions of {folder} have ids that begin with it ({found}). "
             "auv_lse campaign SPEC.yaml --out DIR --list shows the ids"
         )
     (row,) = pyarrow.parquet.read_table(paths[0]).to_pylist()

@@ -40,8 +40,8 @@ class Interval:
             return "–"
         if not math.isfinite(self.half) or self.half <= 1e-12 * abs(self.mean):
             return f"{self.mean:.4g}"
-        locations = max(0, min(6, 1 - math.floor(math.log10(self.half))))
-        return f"{self.mean:.{locations}f} ± {self.half:.{locations}f}"
+        decimals = max(0, min(6, 1 - math.floor(math.log10(self.half))))
+        return f"{self.mean:.{decimals}f} ± {self.half:.{decimals}f}"
 
 
 def proportion(flags: Sequence[bool | None]) -> str:

@@ -70,7 +70,7 @@ def certify(paths: Sequence[Path], mission: Path | None = None, show: Show = sho
     show("reading the recordings")
     recorded = read_recordings(paths, mission)
     show("estimating the positions of soundings")
-    run, locations = corrected_runs(recorded)
+    run, positions = corrected_runs(recorded)
     checks, notes = [], []
     for published in recorded.maps.values():
         show(f"recomputing the map of auv{published.vehicle}")
@@ -81,7 +81,7 @@ def certify(paths: Sequence[Path], mission: Path | None = None, show: Show = sho
     notes += [f"auv{number}: its recording has no published map (topic field)" for number in silent]
     verdict = CONTRADICTED if not all(c.passed for c in checks) else UNPUBLISHED if silent else SUPPORTED
     show("computing the final map")
-    final = final_map(recorded, run, locations)
+    final = final_map(recorded, run, positions)
     show("")
     if not any(len(v.decisions) for v in run.vehicles):
         notes.append("no plan is recorded: whether the mission was flown to its end is unknown")
@@ -133,7 +133,7 @@ def _values(
         "map": {
             "soundings": sum(len(v.soundings) for v in final.run.vehicles),
             "averages": final.averages,
-            "locations": final.locations,
+            "locations": final.positions,
             "variance_scale": round(final.field.variance_scale, 6),
         },
         "checks": [_checked(check, origin) for check in checks],

@@ -1,9 +1,9 @@
 """Compares the maps that vehicles published with dense ones from the same recording.
 
-Two comparisons for each vehicle. First the published map with that of its recorded kernel centers: the same numbers by
-another path, so they differ by rounding alone. Then with the map of its recorded soundings and received samples: it
-shows whether the centers come from what was measured. Vehicles average, weigh and position soundings under way, with
-less data than is known afterwards, so this tolerance is wider (docs/evidence/gp.md).
+Each vehicle's published map is compared twice. First with the map of its recorded kernel centers, which may differ by
+rounding alone. Then with the map of its recorded soundings and received samples, which shows whether the centers come
+from measurements. Vehicles average, weight and locate soundings under way, with less data than is known afterwards, so
+this tolerance is wider (docs/evidence/gp.md).
 
 The last map of an interrupted mission may have parts of different age (`DepthMap.recent_field`) if it has more than
 `DENSE_CENTERS` centers. Cells that differ from its centers are then noted, and only the soundings decide.

@@ -23,12 +23,12 @@ Mask = NDArray[np.bool_]
 
 #: Largest number of averages of soundings.
 MAX_AVERAGES = 6000
-#: Of more soundings, an average counts as measured at their centroid. In a square of 10 m this moves a depth by
+#: With more soundings, an average counts as measured at their centroid. In a square of 10 m this moves a depth by
 #: centimeters; the sum over all pairs of soundings would take minutes.
 MAX_EXACT = 15_000
-#: Of more measurements, only those near a location count for it.
+#: With more measurements, only those near a location count for it.
 MAX_WHOLE = 1500
-#: How near, in lengths of the kernel (of a Wendland kernel: supports).
+#: Limit of "near", in lengths of the kernel (of a Wendland kernel: supports).
 NEAR = {"matern52": 4.0, "squared_exponential": 6.0, "wendland_c2": 1.3}
 #: Entries of a covariance matrix that are computed together.
 _ENTRIES = 4_000_000
@@ -44,7 +44,7 @@ class DensePrior:
         lengths_m: Length along the first and the second axis; of a Wendland kernel its support.
         rotation_deg: Direction of the first axis, clockwise from north.
         mean: Prior mean, locations (P, 2) -> depths (P,).
-        worth: Number of soundings that the standard deviation counts as (`gp.std_soundings`).
+        std_soundings: Number of soundings that the standard deviation counts as (`gp.std_soundings`).
         length_m: Length scale by which the ground's roughness is estimated (`gp.length_scale_m`).
         bank: Factor s on the standard deviation near a known shore, locations (P, 2) -> (P,); None: all ground is open.
         shore_m: Depth along that shore.
@@ -55,7 +55,7 @@ class DensePrior:
     lengths_m: tuple[float, float]
     rotation_deg: float
     mean: Callable[[Array], Array]
-    worth: float
+    std_soundings: float
     length_m: float
     bank: Callable[[Array], Array] | None = None
     shore_m: float = 0.0
@@ -234,8 +234,7 @@ class Measurements:
 
 
 def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
-    """The posterior at locations (P, 2) given measurements; of more than `MAX_WHOLE` those near a location, by
-    squares."""
+    """The posterior at locations (P, 2) given measurements; with more than `MAX_WHOLE`, square by square."""
     n = len(given.starts)
     mean, variance = np.array(prior.mean(at_m), dtype=float), prior.variance(at_m)
     floor, steep, errors = np.zeros(len(at_m)), np.full(len(at_m), 0.5), np.zeros(n)
@@ -263,11 +262,12 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
         own_steep = 0.5 + 0.5 * squared_slopes(prior, local, weights, locations[near[home]]) / prior.squared_slope
         left_out = left_out_errors(covariance, residuals, locations[near], np.flatnonzero(home), prior)
         errors[near[home]] = left_out / own_steep
-    everywhere = (prior.worth + errors.sum()) / (prior.worth + n) if prior.worth > 0.0 else 1.0
+    count = prior.std_soundings
+    everywhere = (count + errors.sum()) / (count + n) if count > 0.0 else 1.0
     variance = np.maximum(variance, 0.0)
     steep += 0.5 * variance / prior.variance(at_m)
     scale = np.full(len(at_m), everywhere)
-    for near, _, cells in parts if prior.worth > 0.0 else ():
+    for near, _, cells in parts if count > 0.0 else ():
         scale[cells] = steep[cells] * _variance_scales(errors[near], locations[near], at_m[cells], prior, everywhere)
     scale += prior.width_scale(at_m, mean)
     return DenseMap(
@@ -312,7 +312,7 @@ def left_out_errors(covariance: Array, residuals: Array, locations_m: Array, num
 
 
 def _variance_scales(squares: Array, locations_m: Array, at_m: Array, prior: DensePrior, everywhere: float) -> Array:
-    """Factor (P,) at a steepness of 1: the mean of nearby squares, with that of the whole map as 3 further ones."""
+    """Factor (P,) at a steepness of 1: the mean of nearby `squares` and 3 more of the whole map's mean."""
     scales, rows = np.empty(len(at_m)), max(1, _ENTRIES // len(squares))
     for first in range(0, len(at_m), rows):
         part = slice(first, first + rows)
@@ -322,9 +322,9 @@ def _variance_scales(squares: Array, locations_m: Array, at_m: Array, prior: Den
 
 
 def _squares(prior: DensePrior, measured_m: Array, at_m: Array) -> Iterator[tuple[Ints, Mask, Ints]]:
-    """Of measurements (n, 2): those that count in a square, which of them are in it, and the locations (P, 2) in it.
+    """For each square: the measurements (n, 2) that count in it, which are inside, and the locations (P, 2) inside.
 
-    A few measurements are in one square. Distances are in the prior's lengths.
+    Up to `MAX_WHOLE` measurements make one square. Distances are in the prior's lengths.
     """
     n = len(measured_m)
     if n <= MAX_WHOLE:

@@ -38,12 +38,12 @@ class FinalMap:
     """The final map.
 
     Attributes:
-        run: All vehicles, with soundings at the locations of this map.
+        run: All vehicles, with soundings at their positions in this map.
         field: The map on its grid.
         pieces: Its isobath, in pieces of one class.
         undiscovered: Isobath that may be missing.
         averages: Number of averages of soundings that the map is made from.
-        locations: How the positions of soundings were estimated.
+        positions: How the positions of soundings were estimated.
     """
 
     run: RunData
@@ -52,7 +52,7 @@ class FinalMap:
     pieces: list[Piece]
     undiscovered: Undiscovered
     averages: int
-    locations: str
+    positions: str
 
 
 def dense_prior(gp: GpConfig, area: AreaConfig) -> DensePrior:
@@ -73,7 +73,7 @@ def dense_prior(gp: GpConfig, area: AreaConfig) -> DensePrior:
         lengths_m=(first, first * (gp.length_scale_2_m or gp.length_scale_m) / gp.length_scale_m),
         rotation_deg=gp.rotation_deg,
         mean=mean,
-        worth=gp.std_soundings,
+        std_soundings=gp.std_soundings,
         length_m=gp.length_scale_m,
         bank=bank,
         shore_m=area.shore_depth_m,
@@ -96,7 +96,7 @@ def _banked(
 
 
 def corrected_runs(recorded: Recorded) -> tuple[RunData, str]:
-    """All vehicles with soundings at the best locations that the recordings support, and how these were estimated."""
+    """All vehicles with soundings at the best positions that the recordings support, and how these were estimated."""
     run = merged(recorded.runs)
     if not corrects_positions(run):
         return run, "as the vehicles recorded them"
@@ -119,7 +119,7 @@ def measurements(gp: GpConfig, own: Soundings, heard: Soundings | None = None) -
 _NONE: Array = np.zeros((0, 3))
 
 
-def final_map(recorded: Recorded, run: RunData, locations: str) -> FinalMap:
+def final_map(recorded: Recorded, run: RunData, positions: str) -> FinalMap:
     """The map of all soundings of all vehicles."""
     gp, level_set = recorded.settings.gp, recorded.settings.level_set
     area, prior = OperatingArea(recorded.settings.area), dense_prior(gp, recorded.settings.area)
@@ -132,7 +132,7 @@ def final_map(recorded: Recorded, run: RunData, locations: str) -> FinalMap:
     lines = contours(grid.north_m, grid.east_m, field.mean_m, level_set.level_m, informed)
     shore_known = prior.bank is not None
     pieces = certainty.classify(lines, field, gp.signal_std_m, sounded_locations(run), shore_known=shore_known)
-    # the calibration of what may be missing was measured with the centers of the vehicles' maps
+    # the length that may be missing was calibrated with the centers of the vehicles' maps
     all_soundings = Soundings.join(vehicle.soundings for vehicle in run.vehicles)
     centers = map_of(recorded.settings, area, all_soundings).centers
     return FinalMap(
@@ -149,12 +149,12 @@ def final_map(recorded: Recorded, run: RunData, locations: str) -> FinalMap:
             Banks.of(area.config, level_set.level_m),
         ),
         averages=found.count,
-        locations=locations,
+        positions=positions,
     )
 
 
 def _joined(parts: list[Measurements]) -> Measurements:
-    """Averages of several vehicles: each vehicle's are its own, because their errors differ."""
+    """Averages of several vehicles, kept apart because their errors differ."""
     sizes = np.cumsum([0, *(len(part.locations_m) for part in parts)])
     starts = [part.starts + size for part, size in zip(parts, sizes, strict=False)]
     n = sum(len(part.starts) for part in parts)

@@ -71,7 +71,7 @@ def _usable_values(
 ) -> tuple[Patterns, dict[str, int | None]]:
     """The values of each pattern without the refused ones, and the vehicle of each pattern (None: all).
 
-    Those that the dotted names in `replaced` replace are no errors.
+    Values that the dotted names in `replaced` override cause no errors.
     """
     usable: Patterns = {}
     owners: dict[str, int | None] = {}

@@ -23,7 +23,7 @@ _STDS = {
     "sound-speed": "sound_speed_mps",
     "water-level": "water_level_m",
 }
-#: A value that often marks missing data does so in a table if it is farther than this (m, m/s) from the others' median.
+#: A value that often marks missing data is taken for such if it is farther than this (m, m/s) from the others' median.
 _APART = 20.0
 #: Largest number of contour levels.
 _MAX_LEVELS = 1000

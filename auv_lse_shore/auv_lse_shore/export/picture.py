@@ -68,7 +68,7 @@ def draw_export(folder: Path, path: Path) -> None:
     handles: list[Any] = [Line2D([], [], label=kind, **style) for kind, style in reversed(LINES.items())]
     handles.append(Line2D([], [], ls="", marker="o", ms=3, mfc="white", mec="black", mew=0.4, label="soundings.csv"))
     figure.legend(handles=handles, loc="outside lower center", ncols=5, title="isobath.geojson")
-    figure.draw_without_rendering()  # titles move above the longitudes: room is left for them from then on
+    figure.draw_without_rendering()  # moves titles above the longitudes; the layout of `save` then leaves room
     save(figure, path)
 
 

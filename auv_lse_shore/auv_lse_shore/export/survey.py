@@ -1,4 +1,4 @@
-"""What a hydrographer knows besides the recording: water level, vertical datum, sound speed, and their uncertainties.
+"""Corrections that a recording lacks: water level, vertical datum and sound speed, with their uncertainties.
 
 Depths of a recording are below the water surface of the moment, as the sounder converted its travel times. `reduce`
 turns them into depths below a datum:
@@ -37,7 +37,7 @@ class SurveyError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uncertainties:
-    """Standard deviations of what a sounding depends on besides its location.
+    """Standard deviations of the inputs of a sounding, besides its position.
 
     Attributes:
         sounder_m: Noise of the sounder (m); None: `gp.noise_std_m` of the mission file.
@@ -111,7 +111,7 @@ class Survey:
         }
 
     def reduce(self, run: RunData) -> RunData:
-        """A run with its own soundings corrected; samples that vehicles heard under way stay as they are.
+        """A run with its own soundings corrected; samples that vehicles heard under way are unchanged.
 
         Raises:
             SurveyError: if the water level does not cover the soundings, or the run has another origin.

@@ -57,7 +57,7 @@ class SoundingUncertainty(NamedTuple):
     """Uncertainties of soundings, each (n,).
 
     Attributes:
-        thu_m: Total horizontal uncertainty (95 %); NaN where the location's is unknown.
+        thu_m: Total horizontal uncertainty (95 %); NaN where the position's is unknown.
         tvu_m: Total vertical uncertainty (95 %).
         order: Code of the order of S-44.
     """
@@ -70,7 +70,7 @@ class SoundingUncertainty(NamedTuple):
 def sounding_uncertainty(run: RunData, vehicle: VehicleRun, survey: Survey, noise_std_m: float) -> SoundingUncertainty:
     """Uncertainties of a vehicle's soundings.
 
-    THU is 1.96 times the root of the location's summed variances. Whatever their correlation, at least 95 % lie within.
+    THU is 1.96 times the root of the position's summed variances. Whatever their correlation, at least 95 % lie within.
     TVU adds the variances of sounder, pressure, sound speed (in proportion to the range) and water level.
 
     Args:

@@ -41,7 +41,7 @@ class Evaluation:
     """An evaluated mission: the summary, and the maps and curves that the figures show.
 
     Attributes:
-        run: The mission, with soundings at the locations of `team_map`.
+        run: The mission, with soundings at the positions of `team_map`.
         settings: Settings of each vehicle, in order.
         team_map: Map from all soundings of all vehicles, in order of time, and its isobath.
         local: Each vehicle's own final map.
@@ -174,7 +174,7 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
     """A vehicle's own map: in each tick its own soundings by stamp, then the team's samples by arrival.
 
     Once the map is tiled, it takes all that is left together, as the vehicle does when it rebuilds its map after a
-    correction of locations (`CorrectedMap.rebuild`): its own soundings, then the samples of each mate.
+    position correction (`CorrectedMap.rebuild`): its own soundings, then the samples of each mate.
     """
     depth_map = DepthMap(settings.gp, settings.level_set, area)
     own, heard = vehicle.soundings, vehicle.received.in_order()
@@ -230,7 +230,7 @@ def _summary(e: Evaluation) -> Summary:
         "void_plans": tuple(sum(d.void for d in v.decisions) for v in run.vehicles)
         if first.planner.family.bound_of == "map"
         else None,
-        "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run, first),
+        "map_bound_promised": first.planner.family.bound_of == "map" and _has_bound(run, first),
     }
     if absent := absent_vehicles(run):  # planners shared the work; who failed to receive is unknown
         found |= {"mowing_risk": None, "delivery": None}
@@ -265,10 +265,10 @@ def _ideal(run: RunData, settings: PlannerSettings, area: OperatingArea) -> Dept
     return map_of(settings, area, Soundings.join(true_positions(v) for v in run.vehicles)).field()
 
 
-def _promises(run: RunData, settings: PlannerSettings) -> bool:
+def _has_bound(run: RunData, settings: PlannerSettings) -> bool:
     """Whether every first decision has a lower bound above its reward so far; later decisions keep this bound.
 
-    A mission that is planned for a share found promises none.
+    A mission that is planned for a share found has no bound.
     """
     if plans_to_horizon(settings):
         return False

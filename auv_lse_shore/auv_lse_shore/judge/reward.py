@@ -237,7 +237,7 @@ def reward_curves(
 def _expected(
     run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths], map_m: Array | None
 ) -> tuple[float, float, float]:
-    """What the prior expects of a lawnmower mission and of the legs travelled: the last three numbers of `Curves`."""
+    """Prior expectations for a lawnmower mission and the legs travelled: `naive_value`, `mowing_risk`, `flown_risk`."""
     value = lawnmower_path_reward(run, settings, paths)
     if map_m is None:
         return value, np.nan, np.nan

@@ -31,7 +31,7 @@ class TeamMap:
     """The final map of all vehicles together.
 
     Attributes:
-        run: The mission; with `positions.correct`, soundings are at the locations estimated from fixes, ranges and
+        run: The mission; with `positions.correct`, soundings are at the positions estimated from fixes, ranges and
             terrain.
         settings: The first vehicle's settings: level, costs and prior are the same for all.
         prior: The map before the first sounding.
@@ -74,10 +74,10 @@ def team_map(run: RunData) -> TeamMap:
 
 
 def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
-    """A mission with its soundings at their best locations, and a function that makes its map.
+    """A mission with its soundings at their best positions, and a function that makes its map.
 
-    Where locations are corrected, the map includes their remaining uncertainty (`Posterior.position_variance`); the
-    classes of the isobath's pieces use it as the vehicles' location error.
+    Where positions are corrected, the map includes their remaining uncertainty (`Posterior.position_variance`); the
+    classes of the isobath's pieces use it as the vehicles' position error.
 
     Raises:
         ValueError: if there is no vehicle.
@@ -104,9 +104,9 @@ def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
 
 
 def _common_shift(run: RunData, depth_map: DepthMap, stamps_s: Array, outcomes: Sequence[Outcome | None]) -> Array:
-    """Depth change (n, 2 K) of the centers if each of K vehicles' locations are one standard deviation north, or east.
+    """Depth change (n, 2 K) of the centers if each of K vehicles' positions are one standard deviation north, or east.
 
-    For locations that were estimated elsewhere: how their errors are related is unknown. One common shift of all of a
+    For positions that were estimated elsewhere: how their errors are related is unknown. One common shift of all of a
     vehicle's positions is the case in which more soundings help least.
     """
     order = np.argsort(stamps_s, kind="stable")
@@ -132,7 +132,7 @@ def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:
 def _team_map(
     run: RunData, settings: PlannerSettings, area: OperatingArea, depth_map: DepthMap, locations_known: DepthField
 ) -> TeamMap:
-    """As `team_map`, from the map and its field as if all locations were known."""
+    """As `team_map`, from the map and its field as if all positions were known."""
     prior = DepthMap(settings.gp, settings.level_set, area).field()
     isobath = depth_map.isobath()
     pieces = certainty.classify(
@@ -169,7 +169,7 @@ def map_of(settings: PlannerSettings, area: OperatingArea, soundings: Soundings)
 
 
 def sounded_locations(run: RunData) -> Array:
-    """Where all vehicles measured: north, east, the location's error per axis (m; NaN where unknown), shape (S, 3)."""
+    """Positions of all soundings: north, east, the position's error per axis (m; NaN where unknown), shape (S, 3)."""
     return np.concatenate(
         [
             np.column_stack(

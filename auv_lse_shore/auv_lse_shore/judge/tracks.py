@@ -10,7 +10,7 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_data import VehicleRun
 
-#: Time (s) after the start from which separation counts: all vehicles start at one location, at their own depths.
+#: Time (s) after the start from which separation counts: all vehicles start at one position, at their own depths.
 SEPARATION_FROM_S = 60.0
 
 

@@ -133,7 +133,7 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
 
 
 def _loaded(mission: Path, given: Mapping[str, Any], areas: AreaFiles) -> Settings:
-    """The mission file with the parameters of the command line; an error that these cause names them, not the file."""
+    """The mission file with the parameters of the command line, which an error names if they cause it."""
     try:
         return Settings.load(mission, given, areas)
     except ParameterError as error:
@@ -159,14 +159,14 @@ def _check_drivers(settings: Settings, options: argparse.Namespace) -> None:
 
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:
-    """Writes the complete mission.yaml; it positions the recording and emulated hardware in the run folder, too."""
+    """Writes the complete mission.yaml, with recording and emulated hardware in the run folder."""
     settings = with_chart(settings, folder)
     settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
     if record and (lack := lack_of_space(recording_mb(settings), free_mb(folder), settings.record.least_free_mb)):
         raise RunFolderError(lack)
     hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))
     settings = settings.with_overrides(hardware)
-    for own in () if settings.sim.lockstep else settings.vehicles:  # on a clock a node would refuse it, after the start
+    for own in () if settings.sim.lockstep else settings.vehicles:  # else a node would refuse it, once started
         check_send_duration(settings.tdma, own.modem, settings.where)
     write_whole(folder / "mission.yaml", settings.to_parameter_file())
     return settings

@@ -18,7 +18,7 @@ from auv_lse_shore.check.timing import check_timing
 #: Recording folder of a vehicle, relative to its working directory.
 RECORDING = "bag"
 
-#: What differs from a simulated mission, unless the user has set it.
+#: Values for vehicles where a simulated mission has others, unless the user has set them.
 _OF_VEHICLES = {"modem.kind": "micromodem", "link.kind": "mavlink", "vehicle.start": "on_call"}
 
 _HEAD = """\
@@ -35,7 +35,7 @@ def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
 
     Args:
         settings: The simulated mission.
-        chosen: Parameters that the user has set, by dotted name; their values stay as they are.
+        chosen: Parameters that the user has set, by dotted name; their values are kept.
 
     Raises:
         ParameterError: if an address is that of a simulated run's hardware, or a modem has none.

@@ -62,7 +62,7 @@ def recordings_of(runs: Sequence[RunData]) -> list[Recording]:
     dives: list[int] = []
     for run in runs:
         for dive in sorted(set(dives)):
-            if all(_together(run, other) for other, number in zip(runs, dives, strict=False) if number == dive):
+            if all(_are_simultaneous(run, other) for other, number in zip(runs, dives, strict=False) if number == dive):
                 dives.append(dive)
                 break
         else:
@@ -70,7 +70,7 @@ def recordings_of(runs: Sequence[RunData]) -> list[Recording]:
     return [Recording(n, dive, v) for n, (run, dive) in enumerate(zip(runs, dives, strict=True)) for v in run.vehicles]
 
 
-def _together(one: RunData, other: RunData) -> bool:
+def _are_simultaneous(one: RunData, other: RunData) -> bool:
     """Whether two recordings are of different vehicles under way at the same time."""
     spans = [[v.dead_reckoning[[0, -1], 0] for v in run.vehicles if len(v.dead_reckoning)] for run in (one, other)]
     if not all(spans) or {v.vehicle for v in one.vehicles} & {v.vehicle for v in other.vehicles}:
@@ -93,7 +93,7 @@ def raw_positions(vehicle: VehicleRun) -> Array:
 def track_times_s(vehicle: VehicleRun, stamps_s: Array) -> Array:
     """Times (n,) on a vehicle's track of stamps (n,) that it recorded.
 
-    The track goes on where stamps jump ahead: the clock was set, or a log pauses.
+    The track is continuous where stamps jump ahead: the clock was set, or a log pauses.
     """
     recorded_s, clock = vehicle.dead_reckoning[:, 0], MonotonicClock()
     steps_s = np.diff(recorded_s)

@@ -35,23 +35,23 @@ _PERIODS = {
     "odometry": 2.0, "sounding": 1.0, "mission/state": 2.0, "plan": 0.0, "planner/bound": 0.0,
     "modem/tx": 0.0, "modem/rx": 0.0, "team/samples": 0.0, "tdma": 10.0,
 }  # fmt: skip
-#: Time (s) between two looks at what has come, and between two maps of a vehicle; largest share of time for each map.
+#: Time (s) between two checks for new data, and between two maps of a vehicle; largest share of time for each map.
 _LOOK_S, _MAPS_S, _MAP_SHARE = 0.5, 30.0, 0.1
 #: Largest excerpt (bytes), unpacked: no vehicle's software sends more.
 _MOST_BYTES = 50_000_000
 
 
-#: Beginnings of the two kinds of trouble.
+#: First words of the two kinds of trouble.
 _READING, _MAPPING = "its recording cannot be shown", "its map cannot be computed"
 
 
 class ChartError(ValueError):
-    """What a vehicle sent is not an excerpt."""
+    """An answer of a vehicle that is not an excerpt."""
 
 
 @dataclass(slots=True)
 class _Track:
-    """What is known of one vehicle's dive: its files here, and how far they have got."""
+    """One vehicle's dive: its files on the laptop, and the cursor up to which they are complete."""
 
     cursor: dict[str, Any] = field(default_factory=dict)
     paths: list[Path] = field(default_factory=list)
@@ -67,7 +67,7 @@ class TeamChart:
     """
 
     def __init__(self, name: str, vehicles: Sequence[int]) -> None:
-        """Has nothing yet."""
+        """Sets up an empty timeline."""
         self.timeline, self.trouble = Timeline(), dict[str, str]()
         self._name, self._tracks = name, {f"auv{k}": _Track() for k in vehicles}
         self._lock, self._over, self._renewed = threading.Lock(), threading.Event(), False
@@ -76,14 +76,14 @@ class TeamChart:
         self.timeline.set_state(source="team", growing=True, waiting="waiting for the vehicles’ recordings")
 
     def __enter__(self) -> TeamChart:
-        """Begins."""
+        """Starts the thread."""
         self._folder = tempfile.TemporaryDirectory(prefix="auv_lse_watch_")
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Ends, and removes its files."""
+        """Stops the thread, and removes its files."""
         self._over.set()
         self._thread.join()
         self._folder.cleanup()
@@ -108,7 +108,7 @@ class TeamChart:
                 raise ValueError("no cursor, cut off, or too large")
         except (ValueError, TypeError, zlib.error) as error:
             raise ChartError(f"its excerpt of the recording is damaged ({error})") from error
-        if not cursor:  # it has no dive; what is shown of the last one stays
+        if not cursor:  # it has no dive; the page keeps the last one
             return False
         with self._lock:
             if cursor.get("dive") != track.cursor.get("dive") and track.paths:
@@ -128,7 +128,7 @@ class TeamChart:
         while not self._over.wait(_LOOK_S):
             with self._lock:
                 renewed, self._renewed = self._renewed, False
-                if renewed:  # of a vehicle with a new dive, the old one is not shown any more
+                if renewed:  # a vehicle's new dive replaces its old one on the page
                     self._events = None
                     for track in self._tracks.values():
                         track.files = [RecordingFile(path) for path in track.paths]
@@ -136,7 +136,7 @@ class TeamChart:
             for name, found in files.items():
                 try:
                     self._read(name, found)
-                except Exception as error:  # whatever one vehicle sent: the others are shown
+                except Exception as error:  # one vehicle's bad data must not hide the others
                     self.trouble[name] = f"{_READING}: {brief(error)}"
             self._add_maps()
 
@@ -154,7 +154,7 @@ class TeamChart:
                         self._begin(str(message.data))
                     elif self._events is not None:
                         events += self._events.take(topic, message)
-            finally:  # what came before damage is shown
+            finally:  # events before the damage are shown
                 self.timeline.add(events)
 
     def _begin(self, text: str) -> None:
@@ -173,7 +173,7 @@ class TeamChart:
                 continue
             try:
                 event = self._events.newest_map(vehicle)
-            except Exception as error:  # the other maps, and all tracks, are shown
+            except Exception as error:  # must not hide the other maps and the tracks
                 self.trouble[f"auv{vehicle}"] = f"{_MAPPING}: {brief(error)}"
                 self._map_due_s[vehicle] = began_s + _MAPS_S
                 continue

@@ -110,7 +110,7 @@ def _verb(verbs: Any, name: str, text: str, call: Callable[[argparse.Namespace],
 
 
 def _vehicles(c: argparse.ArgumentParser, call: Callable[[argparse.Namespace], int]) -> None:
-    c.add_argument("vehicles", nargs="*", metavar="VEHICLE", help="vehicles, as auv2 (default: all)")
+    c.add_argument("vehicles", nargs="*", metavar="VEHICLE", help="vehicles, such as auv2 (default: all)")
     c.set_defaults(call=call)
 
 
@@ -145,7 +145,7 @@ def _order(options: argparse.Namespace) -> int:
     fleet = read_fleet(options.file)
     vehicles = fleet.chosen(options.vehicles)
     is_all = len(vehicles) == len(fleet.vehicles)
-    wish = ordering.Wish(
+    wish = ordering.OrderRequest(
         verb=options.verb,
         team=options.verb == "abort" and (is_all or options.team),
         valid_s=60.0 * getattr(options, "expires", 0.0),

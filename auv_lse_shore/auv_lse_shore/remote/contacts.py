@@ -20,10 +20,10 @@ def with_each(vehicles: Sequence[RemoteVehicle], do: Callable[[RemoteVehicle], R
 
 
 def repeated(fleet: FleetFile, vehicle: RemoteVehicle, wait_s: float, do: Callable[[RemoteSession], str]) -> str:
-    """Does something in a session, repeated for `wait_s` while the link is lost or `do` is not done.
+    """Calls `do` in a session, repeatedly for `wait_s` while the link is lost or `do` does not succeed.
 
     Returns:
-        Why it is not done, as `do` returns it; "" if it is.
+        Why it did not succeed, as `do` returns it; "" if it did.
     """
     end_s = time.monotonic() + wait_s
     while True:

@@ -24,7 +24,7 @@ _LARGE = 5_000_000
 
 @dataclass(kw_only=True)
 class Fetched:
-    """What was fetched from one vehicle.
+    """The files fetched from one vehicle.
 
     Attributes:
         trouble: Why it is incomplete; "" if all is there and verified.
@@ -140,7 +140,7 @@ class _Fetcher:
 
 
 def summary(name: str, found: Fetched) -> str:
-    """What was fetched from a vehicle, for people."""
+    """A sentence on the files fetched from a vehicle."""
     text = f"{name}: {counted(found.files, 'file')}, {found.size / 1e6:.1f} MB, verified by hash"
     text += f"; continued {counted(found.resumed, 'time')}" if found.resumed else ""
     text += f"; {found.removed} removed on the vehicle" if found.removed else ""

@@ -99,7 +99,7 @@ class FleetFile:
 
 
 def refuse_folder(path: Path) -> None:
-    """Checks that a path is no folder.
+    """Checks that a path is not a folder.
 
     Raises:
         FleetFileError: with the cure.

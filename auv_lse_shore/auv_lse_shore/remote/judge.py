@@ -1,4 +1,4 @@
-"""What is wrong with a fleet before a dive: from the vehicles' reports, one line per problem, with its cure. Pure."""
+"""Finds a fleet's problems before a dive in the vehicles' reports: one line each, with its cure. Pure."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ LEVELS = ("error", "warning")
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """Something wrong.
+    """A problem of a vehicle, the laptop or the fleet.
 
     Attributes:
         vehicle: The vehicle's name; "laptop"; "fleet" for all.
@@ -33,7 +33,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What a vehicle reported; see `auv_lse_run/remote/facts.py`.
+    """A vehicle's report; see `auv_lse_run/remote/facts.py`.
 
     Attributes:
         trouble: Why there is no report; "" if there is one.
@@ -58,7 +58,7 @@ def judged(
     there = {name: report.facts for name, report in reports.items() if not report.trouble}
     found = [Problem(name, "error", report.trouble) for name, report in reports.items() if report.trouble]
     for name, facts in there.items():
-        found += [Problem(name, level, text) for level, text in _alone(name, facts, laptop)]
+        found += [Problem(name, level, text) for level, text in _vehicle_problems(name, facts, laptop)]
     found += _versions(there, version)
     found += _files(there, sent or {})
     found += _identities(there)
@@ -73,7 +73,7 @@ def judged(
     return sorted(found, key=lambda p: (order.get(p.vehicle, len(order)), LEVELS.index(p.level), p.text))
 
 
-def _alone(name: str, facts: Mapping[str, Any], laptop: str) -> list[tuple[str, str]]:
+def _vehicle_problems(name: str, facts: Mapping[str, Any], laptop: str) -> list[tuple[str, str]]:
     """Problems of one vehicle by itself."""
     mission, errors = facts.get("mission", {}), []
     least_mb = float(mission.get("least_free_mb") or _LEAST_FREE_MB)
@@ -96,7 +96,7 @@ def _alone(name: str, facts: Mapping[str, Any], laptop: str) -> list[tuple[str, 
     found = [("error", text) for text in errors]
     by = facts.get("controller") or {}
     if by and laptop and by["laptop"] != laptop:
-        found.append(("warning", f"{by['name']} commands it since {by['at']}. To command it from here: --take-over"))
+        found.append(("warning", f"{by['name']} has commanded it since {by['at']}. To take over: --take-over"))
     found += [(f["level"], f"{f['part']}: {f['text']}") for f in facts.get("findings", ())]
     least_battery = float(mission.get("min_battery") or 0.0)
     return found + (running_problems(facts.get("state", {}), least_battery) if facts["running"] else [])
@@ -128,7 +128,7 @@ def running_problems(state: Mapping[str, Any], least_battery: float) -> list[tup
 
 
 def ill_health(state: Mapping[str, Any]) -> list[str]:
-    """What nodes report about their health, without a planner that waits because the mission does."""
+    """Problems that nodes report about their health, except a planner that waits because the mission does."""
     waits = f"the mission is {(state.get('mission') or {}).get('state')}"
     return [text for text in state.get("health", ()) if waits not in text]
 

@@ -3,12 +3,12 @@
 Theory of operation
 -------------------
 `give` numbers an order and keeps it before anything is sent. For each vehicle, `due` lists what the next contact has to
-deliver, in order: orders that still count, and questions about orders that were sent, have no answer, and do not count
-any more. The vehicle answers each once (`auv_lse_run/remote/orders.py`), so repeating is harmless.
+deliver, in order: orders that still count, and questions about orders that were sent, have no answer, and have been
+dropped. The vehicle answers each once (`auv_lse_run/remote/orders.py`), so repeating is harmless.
 
-HOLD, SURFACE, ABORT and STOP drop earlier GO, START and RESET orders: those that were never sent are gone; of the
-others the vehicle is asked for the outcome, and executes them never if it has not yet. A pending order other than a
-safe one expires.
+HOLD, SURFACE, ABORT and STOP drop earlier GO, START and RESET orders. Those that were never sent are gone. The vehicle
+is asked for the outcome of the others, and never executes those that it has not executed yet. A pending order other
+than a safe one expires.
 """
 
 from collections.abc import Mapping
@@ -75,7 +75,7 @@ class Ledger:
         """A ledger from `values`; None: a new one of the laptop.
 
         Raises:
-            LedgerError: if the values are those of no ledger.
+            LedgerError: if the values are not those of a ledger.
         """
         values = values or {}
         try:
@@ -91,7 +91,7 @@ class Ledger:
             raise LedgerError(f"is damaged ({error})") from error
 
     def values(self) -> dict[str, Any]:
-        """The ledger as JSON can hold it; later changes of the ledger leave it as it is."""
+        """The ledger as JSON can hold it: a copy, which later changes of the ledger do not affect."""
         orders = {name: [asdict(order) for order in found.values()] for name, found in self._orders.items()}
         own = {"laptop": self.laptop, "sent": dict(self.sent), "checked": dict(self.checked)}
         return own | {"last": dict(self._last), "orders": orders}
@@ -126,7 +126,7 @@ class Ledger:
         return self._last.get(vehicle, 0)
 
     def drop(self, vehicle: str) -> list[Given]:
-        """Open orders of a vehicle count no more; returns them."""
+        """Invalidates the open orders of a vehicle; returns them."""
         found = [order for order in self.open(vehicle) if order.counts]
         for order in found:
             gone = order.status == PENDING
@@ -134,7 +134,7 @@ class Ledger:
         return found
 
     def expire(self, now_s: float) -> None:
-        """Orders that have expired count no more."""
+        """Invalidates orders that have expired."""
         for orders in self._orders.values():
             for number, order in orders.items():
                 is_valid = order.verb in ALWAYS or order.given_s <= now_s < order.expires_s  # else: clock set back
@@ -147,7 +147,7 @@ class Ledger:
         return [order for order in self._orders.get(vehicle, {}).values() if order.is_open]
 
     def due(self, vehicle: str) -> list[tuple[str, Given]]:
-        """What the next contact delivers: ("order" or "cancel", order), the safe orders first.
+        """The deliveries at the next contact: ("order" or "cancel", order), the safe orders first.
 
         Safe orders come before queries, because they also cancel earlier orders.
         """

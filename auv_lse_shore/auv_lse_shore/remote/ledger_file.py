@@ -47,7 +47,7 @@ class LedgerFile:
             os.close(lock)
 
     def read(self) -> Ledger:
-        """The ledger without a lock, which only shows it.
+        """Reads the ledger without a lock, to show it only.
 
         Raises:
             LedgerError: if it is damaged.

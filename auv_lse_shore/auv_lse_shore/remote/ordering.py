@@ -1,4 +1,4 @@
-"""The orders of auv_lse fleet (start, go, hold, ..., pending): gives them, and reports what became of them."""
+"""The orders of auv_lse fleet (start, go, hold, ..., pending): gives them, and reports their outcomes."""
 
 import shlex
 import sys
@@ -21,8 +21,8 @@ CHECKED_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wish:
-    """What an operator wants.
+class OrderRequest:
+    """An order as the operator typed it.
 
     Attributes:
         team: With abort: also by acoustic packet.
@@ -40,7 +40,7 @@ class Wish:
     take_over: bool = False
 
 
-def ordered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], wish: Wish) -> int:
+def ordered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], wish: OrderRequest) -> int:
     """Gives an order to vehicles, and reports; returns the exit code: 0 if all have acted."""
     ledgers: Ledgers = LedgerFile(fleet.path)
     if wish.take_over and not _taken_over(fleet, vehicles, LedgerFile(fleet.path)):
@@ -73,7 +73,7 @@ def ordered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], wish: Wish) -> 
         if choice == "h":
             gone = [vehicle for vehicle in vehicles if found[vehicle.name].status != PENDING]
             dropped(fleet, [v for v in left if found[v.name].status == PENDING], ledgers, 0.0)
-            ordered(fleet, gone, Wish(verb="hold", wait_s=wish.wait_s))
+            ordered(fleet, gone, OrderRequest(verb="hold", wait_s=wish.wait_s))
         break
     return int(any(order.status != ACTED for order in found.values()))
 
@@ -120,7 +120,7 @@ def settled(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], cancel: bool, w
     return int(any(_is_open(ledgers, vehicle.name) for vehicle in waiting))
 
 
-def _given(ledgers: Ledgers, vehicles: Sequence[RemoteVehicle], wish: Wish) -> dict[str, int]:
+def _given(ledgers: Ledgers, vehicles: Sequence[RemoteVehicle], wish: OrderRequest) -> dict[str, int]:
     now_s = utc_s()
     with ledgers.changed() as ledger:
         give: Callable[[str], Given] = lambda name: ledger.give(name, wish.verb, now_s, wish.valid_s, wish.team)
@@ -204,7 +204,7 @@ def _report_acoustic(found: Mapping[str, Given], is_for_team: bool) -> None:
 
 
 def sentence(order: Given, trouble: str = "") -> str:
-    """What became of an order, for people."""
+    """The outcome of an order, for people."""
     verb, why = order.verb.upper(), f" ({trouble})" if trouble else ""
     until = f" until {datetime.fromtimestamp(order.expires_s):%H:%M:%S}" if order.expires_s else ""
     if order.status == PENDING:

@@ -1,4 +1,4 @@
-"""What vehicles get: the mission file with its areas written into it, and the files that it names."""
+"""The files sent to vehicles: the mission file with its areas written into it, and the files that it names."""
 
 import hashlib
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What is known about each vehicle, how old it is, and where a vehicle under water should be. Pure: times are given.
+"""The laptop's knowledge of each vehicle, its age, and the expected position under water. Pure: times are arguments.
 
 A state's age counts from the moment the laptop asked for it, plus the age that the vehicle reported. So it is never
 older than shown, whatever the link did, and no clocks are compared.
@@ -19,7 +19,7 @@ SILENT_S = 30.0
 
 @dataclass(slots=True)
 class VehicleView:
-    """What the laptop knows about one vehicle.
+    """The laptop's knowledge of one vehicle.
 
     Attributes:
         name: "auv2".
@@ -72,7 +72,7 @@ class VehicleView:
         return (*expected_position((north_m, east_m), path, distance_m), True)
 
     def alarms(self, now_s: float) -> list[str]:
-        """What an operator must hear about."""
+        """Sentences that an operator must see."""
         found = []
         if self.trouble and (now_s - self.asked_s > SILENT_S):
             if not self.answer:
@@ -86,7 +86,7 @@ class VehicleView:
             found.append(f"ABORTED: {self.part('mission').get('reason', '')}")
         by = self.answer.get("controller") or {}
         if by and self.laptop and by["laptop"] != self.laptop:
-            found.append(f"{by['name']} commands it since {by['at']}")
+            found.append(f"{by['name']} has commanded it since {by['at']}")
         return found
 
 

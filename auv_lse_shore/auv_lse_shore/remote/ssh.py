@@ -207,7 +207,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-#: Causes in what ssh, or the shell on the vehicle, prints; whether repeating may help; and what to do.
+#: Causes by the output of ssh, or of the shell on the vehicle; whether repeating may help; and the cure.
 _CAUSES: tuple[tuple[str, bool, str], ...] = (
     (
         r"REMOTE HOST IDENTIFICATION HAS CHANGED",

@@ -28,9 +28,9 @@ from auv_lse_shore.remote.ssh import LinkError, RemoteSession, VehicleError, ses
 
 _ANSWER_S, _RETRY_S = 15.0, 2.0
 _BELL = "\a"
-#: Least time (s) between two tables where none can be renewed: in a file, a pipe or a shell of an editor.
+#: Minimum time (s) between two tables where a table cannot be redrawn: in a file, a pipe or an editor's shell.
 _PRINTED_S = 5.0
-#: What `cells` has of each vehicle.
+#: The columns of `cells`.
 COLUMNS = ("state", "north, east", "depth", "battery", "age", "link")
 
 
@@ -48,7 +48,7 @@ class Watch:
 
         Args:
             every_s: Time between questions to a vehicle (s).
-            chart: Gets excerpts of the vehicles' recordings; None: none are fetched.
+            chart: Receives excerpts of the vehicles' recordings; None: none are fetched.
         """
         self.chart, self._chart_trouble = chart, dict[str, str]()
         self._fleet, self._vehicles, self._every_s = fleet, vehicles, every_s
@@ -91,7 +91,7 @@ class Watch:
                 self._over.wait(_RETRY_S)
 
     def _follow_recording(self, found: RemoteSession, name: str, until_s: float) -> None:
-        """Fetches what the recording has that the chart lacks: one excerpt, and more until `until_s`."""
+        """Fetches the part of the recording that the chart lacks: one excerpt, and more until `until_s`."""
         if self.chart is None:
             return
         try:
@@ -99,7 +99,7 @@ class Watch:
                 if time.monotonic() >= until_s or self._over.is_set():
                     break
             self._chart_trouble.pop(name, None)
-        except (ChartError, VehicleError, OSError) as error:  # a full disk of the laptop ends no watch
+        except (ChartError, VehicleError, OSError) as error:  # the laptop's full disk must not end the watch
             self._chart_trouble[name] = error_text(error)
 
     def chart_trouble(self, name: str) -> str:
@@ -114,7 +114,7 @@ class Watch:
 def watch(
     fleet: FleetFile, vehicles: Sequence[RemoteVehicle], every_s: float, once: bool, page: int | None = None
 ) -> int:
-    """Shows the team until Ctrl-C, without a page also until the reader of its lines ends; with `once` one table.
+    """Shows the team until Ctrl-C, or without a page until the reader of its lines ends; with `once`, one table.
 
     Returns the exit code: 1 if there are alarms in the one table.
 
@@ -158,7 +158,7 @@ def watch(
 
 
 def _is_read(stream: IO[str]) -> bool:
-    """Whether no reader of a pipe, such as `head`, has ended; the table is for nobody then."""
+    """Whether a stream still has a reader: that of a pipe, such as `head`, may have ended."""
     poll = select.poll()
     try:
         poll.register(stream.fileno(), 0)
@@ -198,7 +198,7 @@ def _shown(found: Watch, now_s: float) -> tuple[Table, list[str]]:
 
 
 def page_picture(found: Watch, now_s: float) -> dict[str, Any]:
-    """What the page shows beside the chart: a row for each vehicle, and lines of alarms and open orders."""
+    """The page's values beside the chart: a row for each vehicle, and lines of alarms and open orders."""
     vehicles = []
     for name, view in found.views.items():
         position, row = view.position(now_s), cells(view, now_s)

@@ -24,7 +24,7 @@ Row = MapStep | DecisionStep
 
 
 def recompute(options: Namespace) -> int:
-    """Recomputes what the options ask for and prints the differences. Returns 0 if there are none, else 1.
+    """Recomputes maps or decisions, as options ask, and prints the differences. Returns 0 if there are none, else 1.
 
     Raises:
         RecordingError: if the recording cannot be read, or holds nothing to compare.

@@ -169,7 +169,7 @@ class _Recomputer:
             self._intake.set_corrected(own.position)
 
     def _tune(self, changed: dict[str, Any]) -> None:
-        """A parameter that was changed by hand while the planner ran."""
+        """Applies parameters that were changed by hand while the planner ran."""
         own = {**self._parameters, "planner": {**self._parameters.get("planner", {}), **nest(changed)["planner"]}}
         self._planner.set_planner(section(PlannerConfig, own, "planner", "recorded parameter change"))
         self._parameters = own
@@ -205,7 +205,7 @@ class _Recomputer:
         )
 
     def _leg(self, recorded: RecordedDecision, surface: bool) -> Leg:
-        """The leg of a decision of which only the plan was recorded; it surfaces as the one decided now."""
+        """The leg of a decision whose plan alone was recorded; it surfaces if the recomputed one does."""
         path = self._planner.rollout.follow(recorded.plan).from_step(recorded.step)
         leg = self._planner.motion.leg(recorded.step, path.states[0], int(path.actions[0]))
         return self._planner.in_odometry_frame(dataclasses.replace(leg, surface=surface))

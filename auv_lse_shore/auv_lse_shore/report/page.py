@@ -59,8 +59,8 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, float):
         if abs(value) < 0.5e-6:
             return "0"
-        locations = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-        return f"{value:.{min(locations, 6)}f}"
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+        return f"{value:.{min(decimals, 6)}f}"
     if isinstance(value, list | tuple):
         return ", ".join(number(v, digits) for v in value)
     return str(value)

@@ -286,14 +286,14 @@ def _uncertain(e: Evaluation) -> str:
     }
     reasons = [f"{_m(length)} where {_REASONS[reason]}" for reason, length in lengths.items() if length >= 1.0]
     if not reasons:
-        return f"No part of the line remains uncertain{_but_missing(s)}."
+        return f"No part of the line remains uncertain{_missing_note(s)}."
     longest = sorted((p for p in e.pieces if p.kind != FOUND), key=lambda p: p.length_m, reverse=True)
     listed = [_stretch(p, e.run.origin) for p in longest[:MAX_STRETCHES] if p.length_m >= MIN_STRETCH_M]
     where = f" Longest stretches: {'; '.join(listed)}." if listed else ""
     return f"Line not found: {'; '.join(reasons)}.{where}"
 
 
-def _but_missing(s: Summary) -> str:
+def _missing_note(s: Summary) -> str:
     """What a line without uncertain parts still lacks; "" if that is less than `MIN_STRETCH_M`."""
     if s.isobath_found is None or s.isobath_true_m is None:
         expected = s.isobath_undiscovered_m
@@ -336,7 +336,7 @@ def _bound(e: Evaluation) -> str:
         return (
             f"{text}{flown} The first {s.steps} of {e.planned_steps} steps of a lawnmower mission were expected to "
             f"reach {_three(s.mowing_risk)}; this mission was {beside} that when it ended. Bounds hold for complete "
-            f"missions only.{_promised_instead(s)}"
+            f"missions only.{_quality_note(s)}"
         )
     lanes = " with lanes that just cover the area" if follows_isobath(first) else ""
     bound = f"A lawnmower mission of the same length{lanes} was expected to reach {_three(s.mowing_risk)}"
@@ -355,7 +355,7 @@ def _bound(e: Evaluation) -> str:
     return f"{text} The bound is an expectation over all lakes that the prior allows, so single missions can miss it."
 
 
-def _promised_instead(s: Summary) -> str:
+def _quality_note(s: Summary) -> str:
     """The quality that ended a mission, and that of the team's final map; "" if it ended otherwise."""
     if not s.quality_reached:
         return ""

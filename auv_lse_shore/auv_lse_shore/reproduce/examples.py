@@ -22,26 +22,26 @@ def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], E
     spec = study.campaigns["trials"]
     wanted = {trial_name(k, m): (k, m) for k, m in study.examples}
     jobs = {wanted[job.group]: job for job in spec.jobs() if job.seed == spec.seeds[0] and job.group in wanted}
-    locations = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
+    folders = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
     flights = {
         key: client.submit(simulate_and_evaluate, job.patterns, f"example {job.group}", pure=False)
         for key, job in jobs.items()
-        if client is not None and not locations[key].exists()
+        if client is not None and not folders[key].exists()
     }
     found: dict[tuple[int, str], Evaluation] = {}
-    for key, location in locations.items():
+    for key, run_folder in folders.items():
         if key in flights:
             found[key] = flights[key].result()
-            _keep(found[key], location)
-        elif location.exists():
-            found[key] = evaluate(run_reader.read_run(location, ground=_kept_ground(location / "ground.npz")))
+            _keep(found[key], run_folder)
+        elif run_folder.exists():
+            found[key] = evaluate(run_reader.read_run(run_folder, ground=_kept_ground(run_folder / "ground.npz")))
     return found
 
 
-def _keep(evaluation: Evaluation, location: Path) -> None:
+def _keep(evaluation: Evaluation, run_folder: Path) -> None:
     """Writes a run folder, complete or not at all."""
-    with written_whole(location.parent) as part:
-        run = part / location.name
+    with written_whole(run_folder.parent) as part:
+        run = part / run_folder.name
         run_writer.write_run(evaluation.run, run)
         _keep_ground(evaluation.run.ground, run / "ground.npz")
         write_outputs(evaluation, run)

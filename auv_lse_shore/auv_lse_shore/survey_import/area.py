@@ -15,15 +15,15 @@ MARGIN_M = 25.0
 LEAST_REACH_M, LARGEST_REACH_M = 25.0, 150.0
 #: Vehicles start this far (m) inside, to have room to turn, and from each other.
 ROOM_M, APART_M = 50.0, 20.0
-#: Share of the length scale over which soundings tell the depth.
+#: Reach of a sounding: the depth within this share of the length scale around it counts as known.
 REACH = 0.5
-#: The most positions from which the area is drawn, and corners that it has.
+#: Maximum numbers of positions from which the area is drawn, and of its corners.
 _POSITIONS, _CORNERS = 6000, 600
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyedArea:
-    """Where soundings tell the depth.
+    """The area in which soundings determine the depth.
 
     Attributes:
         polygon: Its corners north, east (m), shape (n, 2).

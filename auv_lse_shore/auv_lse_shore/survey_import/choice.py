@@ -19,7 +19,7 @@ from auv_lse_shore.survey_import.frequencies import join_frequencies
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
 
-#: Share of the lowest pressures of a log whose largest counts as the pressure at the surface.
+#: Quantile of a log's pressures that counts as the pressure at the surface.
 _SURFACE_SHARE = 0.01
 #: Kinds of positions, the best first; NMEA kinds follow their talker.
 _POSITIONS = ("POS", "GLOBAL_POSITION_INT", "GNS", "GGA", "RMC", "GLL", "GPS", "GPS_RAW_INT")
@@ -27,18 +27,18 @@ _POSITIONS = ("POS", "GLOBAL_POSITION_INT", "GNS", "GGA", "RMC", "GLL", "GPS", "
 _ENOUGH = 0.5
 #: Positions of another kind are used where the chosen one has none within this time (s).
 _FILL_S = 5.0
-#: Depths that say what they are measured from are preferred in this order.
+#: Depths with a stated reference are preferred in this order.
 _REFERENCES = (Reference.SURFACE, Reference.TRANSDUCER, Reference.KEEL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """What the user decides.
+    """The user's decisions.
 
     Attributes:
         sounder: Name of the sounder; "" for the one with the most pings.
         least_quality: Least quality (percent of the log's scale) of a ping.
-        draught_m: Depth of the transducer, or for depths below the keel of the keel, below the surface or below a
+        draught_m: Depth of the transducer (of the keel, for depths below the keel) below the surface or below a
             submarine's barometer; None if unknown.
         density_kgpm3: Density of the water, for the depth of a submarine.
     """

@@ -1,4 +1,4 @@
-"""Brings the times of logs to UTC, as far as the log or the user knows how, and asks where neither does."""
+"""Converts the times of logs to UTC, from what the log or the user states, and asks if neither does."""
 
 import math
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from auv_lse_shore.survey_import.log_content import Clock, LogContent
 from auv_lse_shore.survey_import.parsing.times import GPS_FROM_S, ROLLOVER_S, UTC_FROM_S, UTC_TO_S, date_question
 
 _DAY_S = 86_400.0
-#: Where clocks begin that are not set (s since 1970): 1970, GPS and its second count of weeks (1980-01-06, 1999-08-22),
-#: and 2000. They are set within a day, and the next times of their log are at least the second time (s) later.
+#: Times at which unset clocks begin (s since 1970): 1970, GPS and its second count of weeks (1980-01-06, 1999-08-22),
+#: and 2000. They are set within a day; the next times of their log are later by the second number (s) or more.
 _BEGINS_S, _APART_S = (0.0, GPS_FROM_S, GPS_FROM_S + ROLLOVER_S, UTC_FROM_S), 365.0 * _DAY_S
 
 
@@ -21,7 +21,7 @@ class ClockFacts:
     Attributes:
         start: The first log's first day, or for times from an unknown start, its first moment; None if unknown.
         ahead_h: Hours by which a local clock is ahead of UTC; None if unknown.
-        today: To recognize dates that cannot be right.
+        today: Today, to recognize impossible dates.
         used: Names of those that some log needed.
     """
 
@@ -34,7 +34,7 @@ class ClockFacts:
 def to_utc(contents: Sequence[LogContent], facts: ClockFacts) -> list[str]:
     """Moves the times of logs to UTC where possible; returns questions that remain, each once."""
     questions: dict[str, None] = {}
-    for content in contents:  # a receiver that counts 1,024 weeks too many is beyond what stamps hold
+    for content in contents:  # 1,024 weeks too many, as a receiver may count, are beyond what stamps hold
         content.drop_impossible_times(UTC_TO_S if facts.start is None else UTC_TO_S + ROLLOVER_S)
         if content.clock in (Clock.UTC, Clock.LOCAL):
             for begins_s in _BEGINS_S:
@@ -53,7 +53,7 @@ def to_utc(contents: Sequence[LogContent], facts: ClockFacts) -> list[str]:
 
 
 def _to_utc(content: LogContent, facts: ClockFacts, days_s: float) -> str:
-    """Moves one log's times; returns what remains to ask, or ""."""
+    """Moves one log's times; returns the question that remains, or ""."""
     first_s, last_s = content.span_s
     if not math.isfinite(first_s) or content.clock is Clock.NONE:
         return ""

@@ -153,7 +153,7 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
 
 
 def _refuse_unused(options: argparse.Namespace, used: set[str]) -> None:
-    """Raises LogError for an option that no log needed; its user expects something of it."""
+    """Raises LogError for an option that no log needed: it would have no effect."""
     defaults = parser()
     for name, use in NEEDED_BY.items():
         value, default = getattr(options, name), defaults.get_default(name)
@@ -165,7 +165,7 @@ def user_facts(options: argparse.Namespace) -> UserFacts:
     """What the command line states about the logs.
 
     Raises:
-        LogError: if `--date` is no day.
+        LogError: if `--date` is not a day.
     """
     return UserFacts(
         read=ReadOptions(

@@ -1,4 +1,4 @@
-"""Tells two sounders of different frequencies from one that changes its frequency, as with the depth of the water."""
+"""Distinguishes two sounders of different frequencies from one that changes its frequency, such as with the depth."""
 
 from array import array
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 
-#: A sounder changes its frequency at no more than this share of its pings, and its depths then by this much (m) more.
+#: A sounder changes its frequency at no more than this share of its pings; depths may then step by this (m) more.
 _RARE_CHANGES, _SAME_GROUND_M = 0.05, 0.1
 
 
 def join_frequencies(content: LogContent) -> None:
-    """Makes one sounder of those that took turns: they changed seldom, and found the same ground where they did.
+    """Joins sounders that took turns: they changed seldom, and found the same ground where they did.
 
-    Two that sound side by side, at once or ping by ping, stay apart.
+    Sounders that ping at the same time or alternately stay separate.
     """
     names = sorted(name for name, own in content.sounders.items() if "frequency" in name.lower() and len(own.pings))
     if len(names) < 2 or content.clock is Clock.NONE:

@@ -1,4 +1,4 @@
-"""From files to logs on the local plane: reads, selects, dates and positions them, and counts what is left out."""
+"""From files to logs on the local plane: reads, selects, dates and places them, and counts what is left out."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class Gathered:
     """The logs of a survey.
 
     Attributes:
-        placed: The logs without what another one has, too.
+        placed: The logs, without soundings that another log has, too.
         origin: Latitude and longitude (deg) of north = east = 0; None for logs in metres.
         depth_std_m: Largest standard deviation (m) that a log states for a depth.
         lines: What was found in each file, and what was left out and why.
@@ -56,12 +56,12 @@ def gather(
     progress: Callable[[Path, float], None] = lambda path, share: None,
     step: Callable[[str], None] = lambda text: None,
 ) -> Gathered:
-    """Reads files, folders and patterns, and places what they hold.
+    """Reads files, folders and patterns, and places their logs.
 
     Args:
-        names: Of the files, folders and patterns.
-        progress: Takes the share of a file that has been read.
-        step: Takes the name of each step after reading.
+        names: Names of the files and folders, and patterns.
+        progress: Called with the share of a file that has been read.
+        step: Called with the name of each step after reading.
 
     Raises:
         LogError, FlightLogError: if a log cannot be used.

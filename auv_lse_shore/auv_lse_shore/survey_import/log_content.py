@@ -1,4 +1,4 @@
-"""What a reader found in one log: every kind of position and every sounder, none of them chosen yet.
+"""The content of one log: every kind of position and every sounder that a reader finds, none of them chosen yet.
 
 A reader adds all that it finds. `choice.py` then takes one sounder, so that no two are mixed and no ping counts twice.
 """
@@ -22,14 +22,14 @@ NO_FIX = "positions without a fix"
 NO_POSITION = "positions at 0, 0"
 NOT_ON_EARTH = "positions that are not on earth"
 NO_ECHO = "depths of 0 or less: no echo"
-#: A clock that goes back by more than this (s) was set back, if that happens at most so many times.
+#: A clock that goes back by more than this (s) was set back, if that happens at most this number of times.
 _BACK_S, _MOST_BACK = 5.0, 5
-#: Share of negative depths from which their sign is a way of writing them, and up to which they are missing echoes.
+#: Shares of negative depths: above the first, their sign is mere notation; up to the second, they are missing echoes.
 _NEGATIVE, _FEW = 0.9, 0.05
 
 
 class Reference(Enum):
-    """What a sounder's depths are measured from."""
+    """The reference from which a sounder's depths are measured."""
 
     SURFACE = "the surface"
     TRANSDUCER = "the transducer"
@@ -37,7 +37,7 @@ class Reference(Enum):
 
 
 class Clock(Enum):
-    """What a log's times are."""
+    """The kind of a log's times."""
 
     UTC = "seconds since 1970"
     LOCAL = "seconds since 1970 by a clock whose time zone is unknown"
@@ -51,7 +51,7 @@ class Sounder:
     """The depths of one sounder.
 
     Attributes:
-        reference: What its depths are measured from.
+        reference: The reference of its depths.
         quality_scale: The quality that means certain; 0 if the scale is unknown, as in a table.
         offset_m: Depth of the transducer (m) that the log states, and that its depths contain.
         is_unchecked: Whether another sounder of the log has the same pings, and knows which are out of range.
@@ -76,8 +76,8 @@ class LogContent:
     Attributes:
         name: The log's name for the user.
         sounders: Sounders by name, such as "SDDPT" or "RFND 1".
-        clock: What times are.
-        stood_still: Whether the clock did, so that times only order the rows.
+        clock: The kind of its times.
+        stood_still: Whether the clock stood still, so that times only order the rows.
         is_geodetic: Whether positions are degrees; else metres north and east.
         is_submarine: Whether the log is of a vehicle under water, whose own depth has to be added.
         is_checked: Whether this project wrote it: its soundings have passed the checks.
@@ -154,7 +154,7 @@ class LogContent:
             if not is_mark and count > _FEW * len(known):
                 self.questions.append(
                     f"{count:,} of {len(known):,} depths are negative, and left out. Positive ones are metres down: "
-                    "write all of them so"
+                    "write all of them that way"
                 )
             return depths
         self.notes.append("negative depths are taken as metres down")
@@ -181,17 +181,17 @@ class LogContent:
         return min(float(rows[0, 0]) for rows in tables), max(float(rows[-1, 0]) for rows in tables)
 
     def drop_impossible_times(self, last_s: float) -> None:
-        """Leaves out what has no time between 0 and `last_s`, and counts it."""
+        """Drops and counts rows whose time is not between 0 and `last_s`."""
         reason = "positions and depths with an impossible time (--date gives the first day)"
         self._leave_out(lambda times: ~(np.abs(times) <= last_s), reason)
 
     def drop_unset_clock(self, begins_s: float, near_s: float, apart_s: float) -> None:
-        """Leaves out what is near the time at which clocks begin that are not set, and before a gap.
+        """Drops rows near the time at which unset clocks begin, if a gap follows.
 
         Args:
-            begins_s: When they begin.
-            near_s: The time until they are set, which may also be in a zone.
-            apart_s: The least time from there to the next positions.
+            begins_s: Time at which they begin.
+            near_s: Time until they are set; with a zone, they may also be that far behind.
+            apart_s: Minimum time from there to the next positions.
         """
         last_s = begins_s + near_s
         later = [float(rows[rows[:, 0] > last_s, 0].min(initial=math.inf)) for rows in self.positions.values()]
@@ -200,7 +200,7 @@ class LogContent:
             self._leave_out(lambda times: np.abs(times - begins_s) <= near_s, reason)
 
     def _leave_out(self, is_out: Callable[[Array], Mask], reason: str) -> None:
-        """Leaves out what has times for which `is_out` is true, or no number, and counts it."""
+        """Drops and counts rows for whose times `is_out` is true, and those without numbers."""
         if self.position_std_m is not None and self.positions:
             (rows,) = self.positions.values()
             self.position_std_m = self.position_std_m[~is_out(rows[:, 0])]
@@ -224,7 +224,7 @@ class LogContent:
         return {kind: _table(rows, 3) for kind, rows in self._positions.items() if len(rows)}
 
     def set_back_s(self) -> float:
-        """How far (s) the log's clock was set back at most; 0 if it was not, or if the rows are in another order."""
+        """Largest step (s) by which the log's clock was set back; 0 if none, or if the rows are in another order."""
         found = [0.0]
         for rows in self._positions.values():
             back_s = -np.diff(np.frombuffer(rows, dtype=float)[::3])

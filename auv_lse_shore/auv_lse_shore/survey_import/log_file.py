@@ -26,7 +26,7 @@ class LogFile:
     """One file.
 
     Attributes:
-        progress: Takes the share that has been read, 0 to 1.
+        progress: Called with the share that has been read, 0 to 1.
         is_cut_off: Whether the end of a gzip file is missing or damaged, once its data was read.
     """
 
@@ -77,7 +77,7 @@ class LogFile:
 
     @contextlib.contextmanager
     def unpacked(self) -> Iterator[Path]:
-        """A context with a path to the file as it is without gzip."""
+        """A context with a path to the unpacked file."""
         with tempfile.TemporaryDirectory() as folder:
             path = self.path
             if path.stat().st_size != len(self.data):  # it was packed
@@ -96,7 +96,7 @@ class LogFile:
         with self._opened() as file:
             while size < most:
                 packed = packed or file.read(1 << 20)
-                if unpacker.eof and (packed := packed.lstrip(b"\0")):  # another part; zeros fill up a tape's block
+                if unpacker.eof and (packed := packed.lstrip(b"\0")):  # another part; zeros pad a tape's block
                     unpacker = zlib.decompressobj(wbits=_GZIP_WBITS)
                 if not packed:
                     self.is_cut_off = not unpacker.eof

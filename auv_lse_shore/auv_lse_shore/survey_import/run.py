@@ -23,7 +23,7 @@ from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.team import FIX_EVERY_S
 from auv_lse_shore.survey_import.words import DIVE, PICTURE, SOUNDINGS
 
-#: Most soundings in the table, and length of a leg (m) by which a dive's steps are proposed.
+#: Maximum number of soundings in the table, and length of a leg (m) from which a dive's steps are proposed.
 MOST_SOUNDINGS, LEG_M = 200_000, 23.6
 #: Smallest cell (m) of a thinned table, and how much larger the next ones are.
 SMALLEST_CELL_M, COARSER = 0.5, 1.5
@@ -37,7 +37,7 @@ LEAST_NOISE_M = 0.05
 LANE_M = 32.0
 #: Water (m) that a proposed dive keeps below a vehicle at least, and has to spare where it crosses the isobath.
 LEAST_WATER_M, ROOM_M = 0.5, 0.2
-#: Fewest soundings of a map.
+#: Minimum number of soundings for a map.
 LEAST_SOUNDINGS = 10
 #: Positions come from GPS or an estimator: they have neither a heading's nor a log's errors. Where depths differ at a
 #: crossing, the water level is more likely to have changed than a position by metres. The first fix is their start.
@@ -96,7 +96,7 @@ def _walk_m_rts(vehicles: Sequence[VehicleRun]) -> float:
 def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
     """Kernel and hyperparameters of section `gp`, learned from some of the soundings.
 
-    A longer length scale than half of the survey would describe a trend, with a mean far from all depths. At that limit
+    A length scale of more than half the survey would describe a trend, with a mean far from all depths. At that limit
     a smooth slope needs hardly any variance, so the standard deviation is at least that of the depths about the mean.
     """
     rng = np.random.default_rng(0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from auv_lse_common.support.arrays import Array
 
-#: Takes the share of a log that has been read, 0 to 1.
+#: Called with the share of a log that has been read, 0 to 1.
 Progress = Callable[[float], None]
 
 #: Faster than this (m/s), beyond `JUMP_M`, a track jumps.

@@ -1,4 +1,4 @@
-"""From placed logs to vehicles: the same sounding in two files counts once, and times stay UTC.
+"""From placed logs to vehicles: a sounding in two files counts once, and times stay UTC.
 
 Logs that follow each other are of one vehicle. A log of another boat at the same time is another vehicle. Logs without
 a date follow each other from time 0.
@@ -15,15 +15,15 @@ from auv_lse_record.run_data import VehicleRun
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.track import PlacedLog
 
-#: Positions count as fixes this far apart (s). Errors of GPS last about ten minutes: nearer fixes have the same one.
+#: Positions count as fixes at this interval (s): GPS errors last about ten minutes, so closer fixes share one.
 FIX_EVERY_S = 600.0
 #: Time between two logs without dates in the run (s).
 BETWEEN_LOGS_S = 60.0
 #: Two soundings nearer than this in time (s) and position (m) are the same.
 SAME_S, SAME_M = 0.75, 5.0
-#: Why a sounding is left out here.
+#: Reason why a sounding is left out here.
 REPEATED = "soundings that another file has, too"
-#: The most vehicles of a run.
+#: Maximum number of vehicles in a run.
 MOST_VEHICLES = 20
 
 

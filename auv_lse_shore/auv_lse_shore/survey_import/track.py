@@ -1,4 +1,4 @@
-"""Puts the depths of a log where the boat was: on the local plane, with the uncertainty of that.
+"""Gives the depths of a log their positions on the local plane, with uncertainties.
 
 The track is freed of jumps and of positions that only repeat an old one. Depths are interpolated between positions in
 time, moved from the antenna to the transducer, and added to the depth of a vehicle. As during a mission, pings are
@@ -26,7 +26,7 @@ GAPS, LEAST_GAP_S, LARGEST_GAP_S = 3.0, 5.0, 120.0
 LEAST_POSITIONS = 5
 #: Number of positions among which the first one that does not jump usually is.
 _FIRST_POSITIONS = 10_000
-#: A repeated position is an old one if the step after it is this much faster than the boat.
+#: A repeated position is stale if the step after it is this many times as fast as the boat.
 STALE = 1.6
 #: The course comes from positions at least this far apart (m).
 COURSE_M = 2.0
@@ -34,8 +34,8 @@ COURSE_M = 2.0
 EVERY_S = 1.0
 #: Positions farther than this (m) from the origin are of another survey, or wrong.
 FARTHEST_M = 200_000.0
-#: Share of positions between two that are near each other and this far (m) from it, from which a log holds two boats.
-#: Two receivers of a boat are closer.
+#: A log holds two boats if this share of positions is this far (m) from both neighbors, which are near each other. Two
+#: receivers of one boat are closer.
 _SWINGS, _BOATS_APART_M = 0.3, 50.0
 
 
@@ -106,7 +106,7 @@ def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
 
 
 def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> PlacedLog:
-    """Positions a log's depths.
+    """Gives a log's depths their positions.
 
     Raises:
         LogError: if no sounding remains; names what was left out and why.
@@ -150,13 +150,13 @@ def _first_of_each(times: Array, period_s: float) -> Ints:
 
 
 def _track(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> tuple[Ints, Array, Array]:
-    """Which positions are used, their times (s), and rows (north m, east m, course rad, depth of the vehicle m)."""
+    """Numbers of the positions used, their times (s), and rows (north m, east m, course rad, vehicle's depth m)."""
     left_out = log.left_out
     times, north, east = log.positions.T
     if origin is not None:
         north, east = local_from_geodetic(north, east, *origin)
     known = np.isfinite(north) & np.isfinite(east) & np.isfinite(times)
-    left_out["positions that are no numbers"] += int((~known).sum())
+    left_out["positions that are not numeric"] += int((~known).sum())
     near = known & (np.abs(north) < FARTHEST_M) & (np.abs(east) < FARTHEST_M)
     left_out[f"positions farther than {FARTHEST_M / 1000.0:g} km from the origin"] += int((known & ~near).sum())
     known = near & (times >= times[0] + how.start_s) & (times <= times[0] + how.end_s)
@@ -259,7 +259,7 @@ def _pings(log: SurveyLog, times: Array, track: Array, how: Placement) -> Array:
     near = f"within {gap_s:g} s" if log.has_time else "in their rows"
     left_out[f"depths without positions {near}"] += int((within & ~placed).sum())
     use = within & placed & np.isfinite(depths)
-    left_out["depths that are no numbers"] += int((within & placed & ~use).sum())
+    left_out["depths that are not numeric"] += int((within & placed & ~use).sum())
     stamps, depths = stamps[use], depths[use]
     north, east, immersion = (np.interp(stamps, times, track[:, column]) for column in (0, 1, 3))
     course = track[after[use], 2]
@@ -282,7 +282,7 @@ def combined(pings: Array) -> Array:
 def _plausible(soundings: Array, left_out: Counter[str]) -> Array:
     """The soundings (n, 4) that pass the gate, without the first few if more would pass after them.
 
-    The gate has nothing to compare the first one with. If it is wrong, true ones after it fail.
+    The gate accepts the first sounding unchecked. If that is wrong, correct ones after it are rejected.
     """
     passes, counts = passing(soundings)
     begin = int(np.argmin(passes)) if len(passes) else 0
@@ -300,9 +300,9 @@ def _with_uncertainty(
 ) -> tuple[Array, Array, Array]:
     """The track with rows at soundings between slow positions, and standard deviations (n, 2) north and east.
 
-    A sounding is where the boat was to the position's error, to the way during the sounder's unknown delay, and to
-    what a straight line misses between two positions. The last is half of what it misses over two intervals, where
-    the position in their middle shows it.
+    A sounding's variance adds those of the position, of the distance covered during the sounder's unknown delay, and of
+    the interpolation between two positions. The last error is taken as half the error of interpolating over two
+    intervals, which the position between them shows.
     """
     if len(times) < 3:
         return times, track, np.full((len(times), 2), position_std_m)

@@ -1,4 +1,4 @@
-"""What the import prints: what was found, what was left out and why, and what to type next."""
+"""The import's output: the soundings found, those left out and why, and the next commands."""
 
 import re
 import shlex
@@ -35,15 +35,15 @@ def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
         yield f"- pings of each second are one sounding: {counted(found.combined, 'ping')}"
     for reason, count in sorted(found.left_out.items()):
         if count:
-            yield f"- left out: {count:,} {_of_one(reason) if count == 1 else reason}"
+            yield f"- left out: {count:,} {_singular(reason) if count == 1 else reason}"
     for question in log.questions:
         yield f"- question: {question}"
 
 
-def _of_one(reason: str) -> str:
+def _singular(reason: str) -> str:
     """A reason in the singular: "position that is ..." for "positions that are ..."."""
     things, *which = reason.split(" that ", 1)
-    verbs = {"are": "is", "have": "has", "repeat": "repeats", "jump": "jumps", "numbers": "number"}
+    verbs = {"are": "is", "have": "has", "repeat": "repeats", "jump": "jumps"}
     said = [" ".join(verbs.get(word, word) for word in text.split(" ")) for text in which]
     return " that ".join([re.sub(r"s\b", "", things, count=1), *said])
 

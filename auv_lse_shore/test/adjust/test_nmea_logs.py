@@ -248,7 +248,7 @@ def test_a_lost_count_of_weeks_is_found_and_corrected(tmp_path):
     text = nmea(survey()[:60]).replace("030526", "170906")  # 1,024 weeks earlier
     text = "".join(sentence(line[1:].split("*")[0]) for line in text.splitlines())
     said = gathered(tmp_path, text).lines[-1]
-    assert "If it is of 2026-05-03, its GPS receiver lost 1,024 weeks: --date 2026-05-03" in said
+    assert "If it is really from 2026-05-03, its GPS receiver lost 1,024 weeks: --date 2026-05-03" in said
     corrected = gathered(tmp_path, text, "--date", "2026-05-03")
     assert corrected.placed[0].soundings[0, 0] == START_S
     assert not any("1,024 weeks" in line for line in corrected.lines)
@@ -315,7 +315,7 @@ def test_the_letter_of_a_depth_states_its_unit(tmp_path, fields, expected):
     content = content_of(tmp_path, at + f"$SDDBT,{fields}\n")
     if expected is None:
         assert "SDDBT" not in content.sounders
-        assert content.left_out["DBT sentences whose letters are no unit, or may be two (f: feet, F: fathoms)"] == 1
+        assert content.left_out["DBT sentences whose letters are not a unit, or may be two (f: feet, F: fathoms)"] == 1
     else:
         assert content.sounders["SDDBT"].rows[:, 1] == pytest.approx([expected], abs=0.01)
 

@@ -42,8 +42,8 @@ def test_rows_behind_a_star_are_counted(tmp_path):
     data = "\n".join(["lat,lon,depth_ft,time", *rows[:100], *(f"*{text}" for text in rows[100:])])
     found = gathered(tmp_path, data)
     checked(found, count=100)
-    assert found.placed[0].left_out["positions that are no numbers"] == 20
-    with pytest.raises(LogError, match=r"its positions are no numbers .* '\*46.5"):
+    assert found.placed[0].left_out["positions that are not numeric"] == 20
+    with pytest.raises(LogError, match=r"its positions are neither numbers .* '\*46.5"):
         gathered(tmp_path, lines("lat,lon,depth_ft,time", lambda *r: f"*{row(*r)}"))
 
 

@@ -103,7 +103,7 @@ def test_depths_that_are_no_numbers_in_a_part_of_a_long_table_are_left_out(tmp_p
     data = lines(
         "lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f}{' ?' if t < START_S + 60 else ''},{utc(t)}"
     )
-    assert "depths that are no numbers" in " ".join(gathered(tmp_path, data).lines)
+    assert "depths that are not numeric" in " ".join(gathered(tmp_path, data).lines)
 
 
 @pytest.mark.parametrize(("names", "unit_m"), [("x_ft,y_ft", 0.3048), ("Easting (km),Northing (km)", 1000.0)])
@@ -441,7 +441,7 @@ def test_a_log_whose_receiver_counts_1024_weeks_too_many_is_read_with_its_date(t
 def test_a_date_before_gps_is_no_receiver_that_lost_weeks(tmp_path):
     body = "\n".join(f"{utc(t - START_S - 1e8)}Z,{a:.8f},{o:.8f},{d:.3f}" for t, a, o, d in ROWS)
     lines = gathered(tmp_path, "time,lat,lon,depth_m\n" + body).lines
-    assert "question: the log is of 1966-10-31, before GPS; --date gives its first day" in lines
+    assert "question: the log is dated 1966-10-31, before GPS; --date gives its first day" in lines
 
 
 def test_huge_times_are_left_out_not_crashed_on(tmp_path):
@@ -612,7 +612,7 @@ def test_typographic_minus_signs_mean_depths_and_boots(tmp_path):
 
 def test_positions_that_are_no_angles_are_shown(tmp_path):
     data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"S{a:.0f}/{t % 60:.3f},W{o:.0f}/1.5,{d:.3f},{utc(t)}")
-    with pytest.raises(LogError, match=r"its positions are no numbers and no angles, such as 'S46/.*46 30\.5 S"):
+    with pytest.raises(LogError, match=r"its positions are neither numbers nor angles, such as 'S46/.*46 30\.5 S"):
         gathered(tmp_path, data)
 
 

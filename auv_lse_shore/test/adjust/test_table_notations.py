@@ -20,7 +20,7 @@ def test_more_than_60_minutes_are_no_position(tmp_path):
         return f"46,{minutes + 40.0 if t > START_S + 99 else minutes:.6f},{o:.8f},{d:.3f},{utc(t)}"
 
     found = gathered(tmp_path, lines("lat,lat_min,lon,depth,utc", row))
-    assert found.placed[0].left_out["positions that are no numbers"] == 20
+    assert found.placed[0].left_out["positions that are not numeric"] == 20
     checked(found, count=100)
 
 
@@ -32,7 +32,7 @@ def test_degrees_and_minutes_in_one_number_have_less_than_60_minutes(tmp_path):
         )
 
     found = gathered(tmp_path, lines("lat,lon,depth,utc", row))
-    assert found.placed[0].left_out["positions that are no numbers"] == 10
+    assert found.placed[0].left_out["positions that are not numeric"] == 10
     checked(found, count=110)
 
 
@@ -308,7 +308,7 @@ def test_an_angle_with_more_than_60_minutes_or_seconds_is_no_position(tmp_path, 
         return f"{lat};6 {60.0 * (o % 1.0):.6f} E;{d:.3f};{utc(t)}"
 
     found = gathered(tmp_path, lines("lat;lon;depth;utc", row))
-    assert found.placed[0].left_out["positions that are no numbers"] == 20
+    assert found.placed[0].left_out["positions that are not numeric"] == 20
     checked(found, count=100)
 
 
@@ -326,7 +326,7 @@ def test_times_of_day_may_have_points(tmp_path, header):
 
 def test_a_quality_in_words_is_listed_as_ignored(tmp_path):
     rows = lines("time,lat,lon,depth,quality", lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{d:.3f},good")
-    assert "column quality is ignored: 'good' is no number" in gathered(tmp_path, rows).lines[0]
+    assert "column quality is ignored: 'good' is not a number" in gathered(tmp_path, rows).lines[0]
 
 
 def test_metres_behind_depths_are_read_unless_another_unit_is_stated(tmp_path):
@@ -340,5 +340,5 @@ def test_metres_behind_depths_are_read_unless_another_unit_is_stated(tmp_path):
         ("time,lat,lon,depth_ft", " m", ()),
         ("time,lat,lon,depth", " m", ("--depth-unit", "ft")),
     ):
-        with pytest.raises(LogError, match="its depths are no numbers"):
+        with pytest.raises(LogError, match="its depths are not numbers"):
             gathered(tmp_path, table(header, unit), *facts)

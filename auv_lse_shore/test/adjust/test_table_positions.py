@@ -102,7 +102,9 @@ def test_a_column_of_other_units_changes_no_depth(tmp_path, header, row):
 
 def test_a_column_in_a_unit_that_is_not_understood_names_the_cure(tmp_path):
     data = lines("lat,lon,depth,depth_unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},brasses,{utc(t)}")
-    with pytest.raises(LogError, match=r"column depth_unit, with 'brasses', is no unit of depths.*--depth-unit m"):
+    with pytest.raises(
+        LogError, match=r"column depth_unit has 'brasses', which is not a unit of depth.*--depth-unit m"
+    ):
         gathered(tmp_path, data)
     checked(gathered(tmp_path, data, "--depth-unit", "m"))
 
@@ -416,7 +418,7 @@ def test_degrees_minutes_and_seconds_may_have_hyphens_between_them(tmp_path):
 
 @pytest.mark.parametrize("cell", ["1150199.34.5", "1150199.34mN"])
 def test_metres_that_are_no_numbers_are_shown(tmp_path, cell):
-    with pytest.raises(LogError, match=r"positions are no numbers .*150.*Write metres, such as"):
+    with pytest.raises(LogError, match=r"positions are neither numbers .*150.*Write metres, such as"):
         gathered(tmp_path, lines("east,north,depth", lambda t, a, o, d: f"{cell},{cell},{d:.3f}"), "--crs", "EPSG:2056")
 
 

@@ -53,10 +53,10 @@ def test_go_is_given_to_nobody_if_one_vehicle_has_an_error(
     fleet: FleetFile, checks: list[Problem], capsys: pytest.CaptureFixture[str]
 ) -> None:
     checks.append(Problem("auv2", "error", "its clock is wrong"))
-    assert ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="go")) == 1
+    assert ordering.ordered(fleet, fleet.vehicles, ordering.OrderRequest(verb="go")) == 1
     assert "auv2: its clock is wrong\nGO was sent to no vehicle" in capsys.readouterr().err
     assert given(fleet) == [0, 0]
-    ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="go", anyway=True))
+    ordering.ordered(fleet, fleet.vehicles, ordering.OrderRequest(verb="go", anyway=True))
     assert given(fleet) == [1, 1]
 
 
@@ -65,7 +65,7 @@ def test_a_check_counts_for_a_minute(fleet: FleetFile, checks: list[Problem], ag
     checks.append(Problem("fleet", "error", "only a new check finds this"))
     with LedgerFile(fleet.path).changed() as ledger:
         ledger.checked = {"auv1": utc_s(), "auv2": utc_s() - age_s}
-    ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="go"))
+    ordering.ordered(fleet, fleet.vehicles, ordering.OrderRequest(verb="go"))
     assert given(fleet) == [int(is_given)] * 2
     assert (LedgerFile(fleet.path).read().checked == {}) == (not is_given), "an error takes the check away"
 
@@ -96,11 +96,11 @@ def test_an_abort_tells_how_a_vehicle_that_is_out_of_reach_hears_it(
         return {"auv2": "It is out of reach or off."}
 
     monkeypatch.setattr(ordering, "delivered", reach_the_first)
-    assert ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="abort", team=True)) == 1
+    assert ordering.ordered(fleet, fleet.vehicles, ordering.OrderRequest(verb="abort", team=True)) == 1
     assert "Passed on to auv2 by acoustic packet: the abort of auv1" in capsys.readouterr().out
-    assert ordering.ordered(fleet, fleet.vehicles[1:], ordering.Wish(verb="abort")) == 1
+    assert ordering.ordered(fleet, fleet.vehicles[1:], ordering.OrderRequest(verb="abort")) == 1
     assert "To reach auv2 by acoustic packet, abort all" in capsys.readouterr().out
-    ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="abort"))
+    ordering.ordered(fleet, fleet.vehicles[:1], ordering.OrderRequest(verb="abort"))
     assert "acoustic" not in capsys.readouterr().out
 
 
@@ -115,11 +115,11 @@ def test_an_abort_is_sent_although_the_ledger_is_damaged(
         return {}
 
     monkeypatch.setattr(ordering, "delivered", deliver)
-    ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="hold"))
+    ordering.ordered(fleet, fleet.vehicles[:1], ordering.OrderRequest(verb="hold"))
     path = LedgerFile(fleet.path).path
     path.write_text(path.read_text()[:-20])
-    ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="abort"))
+    ordering.ordered(fleet, fleet.vehicles[:1], ordering.OrderRequest(verb="abort"))
     assert given == ["auv1", "auv1"]
     assert "is damaged" in capsys.readouterr().err
     with pytest.raises(LedgerError, match="is damaged"):
-        ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="go", anyway=True))
+        ordering.ordered(fleet, fleet.vehicles[:1], ordering.OrderRequest(verb="go", anyway=True))

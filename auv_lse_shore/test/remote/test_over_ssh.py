@@ -55,7 +55,7 @@ def test_a_second_laptop_commands_only_after_taking_over_and_the_first_reads_tha
     assert main(["fleet", second, "surface", "--take-over"]) == 0
     assert "auv1: taken over from " in capsys.readouterr().out
     assert main(["fleet", first, "hold"]) == 1
-    assert "commands this vehicle since" in capsys.readouterr().out
+    assert "has commanded this vehicle since" in capsys.readouterr().out
     assert [line.split()[1] for line in (tmp_path / EXECUTED).read_text().splitlines()] == ["hold", "surface"]
 
 

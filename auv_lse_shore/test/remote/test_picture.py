@@ -57,4 +57,4 @@ def test_a_silent_vehicle_is_an_alarm_at_the_surface_and_not_under_water() -> No
 def test_another_laptop_that_took_over_is_an_alarm() -> None:
     found = view(0.0, **running())
     found.answer = {**found.answer, "controller": {"laptop": "two", "name": "bob@boat", "at": "noon"}}
-    assert found.alarms(1.0) == ["bob@boat commands it since noon"]
+    assert found.alarms(1.0) == ["bob@boat has commanded it since noon"]

@@ -141,7 +141,7 @@ def _features(export: Export, vehicle: VehicleRun) -> Iterator[dict[str, Any]]:
     for i, sounding in enumerate(soundings):
         properties: dict[str, Any] = {"depth": round(sounding.depth_m, 3), "time": _utc(sounding.stamp_s)}
         uncertainty = [float(value) for value in (stds[i, 1], stds[i, 0], tvu[i] / SIGMAS_95)]
-        if all(value == value for value in uncertainty):  # not NaN: the location's uncertainty is known
+        if all(value == value for value in uncertainty):  # not NaN: the position's uncertainty is known
             properties["uncertainty"] = [round(value, 3) for value in uncertainty]
         location = [round(float(longitude[i]), _DECIMALS), round(float(latitude[i]), _DECIMALS)]
         geometry = {"type": "Point", "coordinates": location}

@@ -26,7 +26,7 @@ check = geotiff.check  # the project's rasters
 
 
 def write(export: Export) -> str:
-    """Writes the project and the styles: what QGIS needs to find, location and draw each layer. Paths are relative."""
+    """Writes the project and the styles, with which QGIS finds, places and draws each layer. Paths are relative."""
     layers, reference, grid = _layers(export), export.reference, export.team.field.grid
     for layer in layers:
         (export.folder / f"{layer['name']}.qml").write_text(_render("style.qml", layer=layer), encoding="utf-8")

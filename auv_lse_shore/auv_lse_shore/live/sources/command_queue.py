@@ -10,7 +10,7 @@ from auv_lse_common.vocabulary.mission_run import Command
 #: The commands that the page offers. Nothing that starts a vehicle: that needs auv_lse go.
 COMMANDS = {"hold": Command.HOLD, "surface": Command.SURFACE, "abort": Command.ABORT}
 
-#: Why a vehicle that was asked has not answered.
+#: Why a vehicle with an open command has not answered.
 MISSION_ENDED = "the mission has ended"
 
 #: What a vehicle answered: "accepted", "refused" or "not heard", and a text.
@@ -45,12 +45,12 @@ class CommandQueue:
         self._orders: list[Order] = []
 
     def open(self, vehicles: int) -> None:
-        """A mission with that number of vehicles is followed: commands are accepted."""
+        """Accepts commands from now on, for a mission with that number of vehicles."""
         with self._lock:
             self._vehicles = vehicles
 
     def close(self) -> None:
-        """The mission has ended: commands are refused, waiting ones are reported as not heard."""
+        """Refuses commands after the mission's end, and reports waiting ones as not heard."""
         with self._lock:
             self._vehicles, waiting, self._orders = 0, self._orders, []
         for order in waiting:

@@ -77,7 +77,7 @@ class MissionEvents:
         self._lines: dict[int, PlanLines] = {}
         self._coders: dict[int, LayerCoder] = {}
         self._own_maps: dict[int, OwnMap] = {}
-        self._sounded: dict[int, list[tuple[float, float]]] = defaultdict(list)  # what each vehicle knows: north, east
+        self._sounded: dict[int, list[tuple[float, float]]] = defaultdict(list)  # north, east: own and received
         self._plans: dict[int, Plan] = {}
         self._health: dict[str, tuple[str, str, float]] = {}
         self._event_s: dict[str, float] = {}
@@ -96,7 +96,7 @@ class MissionEvents:
         return self.HANDLERS[found.topic.name](self, found.vehicle, stamp_s, found.topic.decode(message))
 
     def wants(self, topic: str, data: bytes) -> bool:
-        """Whether a serialized message (CDR) can have events: saves decoding positions that the page leaves out."""
+        """Whether a serialized message (CDR) can have events; saves decoding positions that the page omits."""
         found = find_topic(topic)
         if found is None or found.topic.name not in ("odometry", TRUTH_TOPIC.name, "sounding"):
             return True

@@ -51,7 +51,7 @@ class MissionListener:
         """Stores its arguments.
 
         Args:
-            take: Takes a topic's full name and a message, on the thread that calls `serve`.
+            take: Called with a topic's full name and a message, on the thread that calls `serve`.
             dive: The id of the simulation, whose messages alone are taken; None: any.
             commands: The queue of commands to send; None: none are sent.
         """
@@ -105,7 +105,7 @@ class MissionListener:
         if hasattr(message, "dive"):
             return bool(message.dive != self._dive)
         sender = self._senders.sender_of(message.header.frame_id, participant, time.monotonic())
-        return sender not in (None, "", self._dive)  # "": it publishes only its health
+        return sender not in (None, "", self._dive)  # "": the sender publishes only its health
 
     def _receive(self, topic: str, message: Any, participant: bytes | None = None) -> None:
         if self._is_foreign(message, participant):

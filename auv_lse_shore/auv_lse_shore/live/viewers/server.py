@@ -75,7 +75,7 @@ class LiveServer:
 
         Args:
             port: TCP port, 0 for any free port.
-            commands: Takes the page's commands; None: they are refused.
+            commands: Queue for the page's commands; None: they are refused.
 
         Raises:
             PortTakenError: if the port is in use or not allowed.

@@ -52,7 +52,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         if np.isfinite(rows[:, 2]).any():
             _fill(content, stamps, rows)
             return [content]
-    why = " in a known unit. Export depths in metres" if points.units.unclear else "; elevations (<ele>) are no depths"
+    why = " in a known unit. Export depths in metres" if points.units.unclear else "; elevations (<ele>) are not depths"
     raise LogError(f"{file.path} has {sum(map(len, points.stamps.values()))} points without a depth{why}.")
 
 

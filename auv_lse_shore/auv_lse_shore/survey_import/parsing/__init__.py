@@ -1,1 +1,1 @@
-"""What several log formats share: text encodings, times, NMEA sentences, tables."""
+"""Parsing that several log formats share: text encodings, times, NMEA sentences, tables."""

@@ -1,4 +1,4 @@
-"""The columns of a table that are used: from their names, or from `--columns`; and what they lack."""
+"""The columns of a table that are used, by their names or by `--columns`; proposes a cure if some are missing."""
 
 import dataclasses
 import itertools
@@ -23,7 +23,7 @@ from auv_lse_shore.survey_import.survey_log import LogError
 class Table:
     """The columns of a table that are used: numbers, or text for times and names, shape (n,) each.
 
-    `accounted` takes the roles of columns that count for others, such as dates for times, or that a note names.
+    `accounted` collects the roles of columns that are used for others, such as dates for times, or named in a note.
     """
 
     path: Path
@@ -38,30 +38,30 @@ class Table:
         return len(next(iter(self.values.values())))
 
 
-#: A line that begins with a name, also behind a sign of comments, and has no decimals.
+#: A line that begins with a name, also after a comment sign, and has no decimals.
 _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)((?:[#%!*]+|//)?)[ \t]*([\"']?[^\W\d][^\r\n\0]{,5000})", re.MULTILINE)
 #: A number with at least three decimals, as degrees have.
 _DECIMALS = re.compile(r"\d[.,]\d{3,}")
-#: A byte of a message of NMEA 2000, and their usual number.
+#: A byte of an NMEA 2000 message, and the usual number of bytes.
 _BYTE, _FRAME = re.compile("[0-9A-Fa-f]{2}"), 8
-#: What the tables of Deeper sounders hold; they have no header.
+#: Columns of the tables of Deeper sounders, which have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
 _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
-#: The least depth of a survey is hardly more than this share of the largest.
+#: The smallest depth of a survey is hardly ever more than this share of the largest.
 _NEAR_SHARE = 0.5
-#: Roles of times in columns of their own, beside the day's.
+#: Roles of the parts of a time in columns of their own, besides the day.
 DATE_PARTS = ("year", "month", "day_of_year", "hour", "minute", "second")
 GPS_TIME = ("gps_week", "of_week")
-#: More names than these in a column of vehicles number something else.
+#: A column of vehicles with more names than this numbers something else.
 _MOST_VEHICLES = 20
 _ALL_UNITS = {**METRES, **TIME_UNITS, **ANGLE_UNITS}
 
 
 def other_header(text: str, dialect: Dialect, columns: dict[str, Column]) -> tuple[int, str]:
-    """Number and text of a line after the header that is one with other columns, as of joined tables; 0 and "" else.
+    """Number and text of a second header with other columns, such as that of a joined table; 0 and "" if there is none.
 
-    It is behind the same sign of comments, if the header is.
+    It begins with the header's comment sign, if that has one.
     """
     own_sign = None
     for match in _MAYBE_HEADER.finditer(text):
@@ -98,7 +98,7 @@ def depth_role(columns: Container[str]) -> str:
 
 def has_date_parts(columns: Container[str]) -> bool:
     """Whether times are in columns of hours, minutes and so on, or dates in columns of years, months and days."""
-    if "second" in columns and "hour" in columns and "minute" not in columns:  # they have another name
+    if "second" in columns and "hour" in columns and "minute" not in columns:  # minutes have an unknown name
         return False
     has_parts = "hour" in columns or ("year" in columns and ("month" in columns or "day_of_year" in columns))
     return "datetime" not in columns and has_date(columns) and has_parts
@@ -173,7 +173,7 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     known = {column.number for column in columns.values()}
     if unknown := [name for i, name in enumerate(names) if name != "-" and i not in known]:
         raise LogError(f"--columns: {unknown[0]} means nothing here; write lat, lon, depth, time, or - to skip one.")
-    columns = _of_a_vehicle_under_water(columns)
+    columns = _vehicle_columns(columns)
     if is_complete(columns):
         if not names:
             _check_names(path, dialect, columns, text)
@@ -217,7 +217,7 @@ def _are_frames(rows: Sequence[Sequence[str]]) -> bool:
 
 
 def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text: str) -> None:
-    """Checks that a name of several words in a table with blanks shifts no columns."""
+    """Refuses a table separated by blanks in which a name of several words shifts the columns."""
     count = len(dialect.header)
     if dialect.delimiter != " " or count == dialect.width:
         return
@@ -242,7 +242,7 @@ def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text:
 
 
 def _numbers(columns: dict[str, Column], with_depth: bool = True) -> set[int]:
-    """The numbers of the columns of positions and depths, or of positions alone."""
+    """The indices of the columns of positions and depths, or of positions alone."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     return {columns[role].number for role in (*position, *[depth_role(columns)] * with_depth)}
 
@@ -289,11 +289,11 @@ def _has_positions(rows: Sequence[Sequence[str]]) -> bool:
     return 2 * sum(1 for row in cells if len(row) == 1) > len(rows)
 
 
-def _of_a_vehicle_under_water(columns: dict[str, Column]) -> dict[str, Column]:
-    """The columns of a vehicle's own depth and of its height above the bottom as `depth` and `above_bottom`.
+def _vehicle_columns(columns: dict[str, Column]) -> dict[str, Column]:
+    """Renames the columns of a vehicle's own depth and its height above the bottom to `depth` and `above_bottom`.
 
-    A height above the bottom counts only beside the vehicle's own depth, which may just be called depth. Beside that,
-    an altitude may be one, too.
+    A height above the bottom counts only with a column of the vehicle's own depth, whose name may be just depth. Then
+    an altitude may be such a height, too.
     """
     own, depth = columns.pop("own_depth", None), columns.get("depth")
     if own is not None and not {*DEPTHS} & columns.keys():
@@ -306,12 +306,12 @@ def _of_a_vehicle_under_water(columns: dict[str, Column]) -> dict[str, Column]:
 
 
 def first_of(texts: Sequence[str] | NDArray[np.str_]) -> str:
-    """The first text of some that is not empty, shortened to be shown; "" without one."""
+    """The first text that is not blank, shortened for a message; "" without one."""
     return next((str(text)[:20] for text in texts if text.strip()), "")
 
 
 def vehicles_of(table: Table) -> list[tuple[str, Mask]]:
-    """Each vehicle of a table: words for its log's name, and the mask of its rows."""
+    """Each vehicle of a table: the suffix of its log's name, and the mask of its rows."""
     vehicles = table.values.get("vehicle")
     names = [] if vehicles is None else np.unique(vehicles).tolist()
     if not 1 < len(names) <= _MOST_VEHICLES:

@@ -12,18 +12,18 @@ from auv_lse_gp.tables.dialect import Dialect, is_number, numbers_of
 from auv_lse_gp.tables.units import METRES
 from auv_lse_shore.survey_import.parsing.times import days, of_day_s
 
-#: What names of columns of heights, and of either depths or heights, contain.
+#: Words in the names of columns of heights, of depths, and of either.
 _HEIGHT_NAME = re.compile("elev|height|h(o|oe|ö)he|quota|cota", re.IGNORECASE)
 DEPTH_NAME = re.compile("dep|sound|tief|prof|bathy", re.IGNORECASE)
 _RANGE_NAME = re.compile(f"{DEPTH_NAME.pattern}|dist|range|{_HEIGHT_NAME.pattern}", re.IGNORECASE)
-#: Roles for which a header is right.
+#: Roles for which the header is trusted.
 _NAMED = ("lat", "lon", "quality", "depth_unit")
 
 
 def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
     """Names for `--columns` from what the columns of a table look like; "-" for unknown ones.
 
-    A header that names latitude and longitude is right, and depths are rather in a column that is called so.
+    A header that names latitude and longitude is trusted, and a column with a depth's name is preferred for depths.
     """
     width = dialect.width
     header = [*dialect.header, *[""] * width][:width]

@@ -1,8 +1,8 @@
 """Reads NMEA 0183 sentences in any stream of bytes: positions, dates and depths.
 
 Depth sentences have no time. Several of them between two times are spread over the interval in the order of their
-arrival, so that a boat that moves on between slow positions is not put where it was. Dates come from RMC with a fix,
-else from ZDA, or else from what a logger wrote before the sentences; each time of day gets the date that is nearest.
+arrival, so that depths between slow positions follow the moving boat. Dates come from RMC with a fix, else from ZDA,
+else from the times that a logger wrote before the sentences; each time of day gets the nearest date.
 """
 
 import math
@@ -25,22 +25,22 @@ _POSITIONS = {b"GGA": (0, 1), b"GNS": (0, 1), b"GLL": (4, 0), b"RMC": (0, 2)}
 _DEPTHS = (b"DPT", b"DBT", b"DBS", b"DBK")
 _KINDS = (*_POSITIONS, b"ZDA", *_DEPTHS)
 _DAY_S = 86_400.0
-#: Fields of the numbers of depth sentences, in order of their accuracy, and the letter that belongs behind each.
+#: Fields of the numbers of depth sentences, in order of their accuracy, and the letter that follows each.
 _NUMBERS = ((2, b"M"), (0, b"f"), (4, b"F"))
-#: Metres in the unit of a letter. In another field than its own, a letter counts; without one, the field does.
+#: Metres in the unit of a letter. A letter overrides the unit of its field; without one, the field's unit counts.
 _UNITS_M = {b"f": 0.3048, b"M": 1.0, b"m": 1.0, b"F": 1.8288}
-_NO_UNIT = "sentences whose letters are no unit, or may be two (f: feet, F: fathoms)"
+_NO_UNIT = "sentences whose letters are not a unit, or may be two (f: feet, F: fathoms)"
 _REFERENCES = {"DPT": Reference.TRANSDUCER, "DBT": Reference.TRANSDUCER, "DBS": Reference.SURFACE}
-#: Qualities of GGA that are no measurement: no fix, estimated, typed in. Modes of others that are none.
+#: Qualities of GGA without a measurement: no fix, estimated, typed in. Such modes of other sentences.
 _NO_GGA, _NO_MODE, _NO_GNS = (b"0", b"6", b"7", b""), (b"E", b"N", b"M"), b"NEMS"
 _NUMBER = re.compile(rb"\s*[+-]?\d+\.?\d*")
 #: Ranks of the sources of dates.
 _OF_LOGGER, _OF_ZDA, _OF_RMC = 0.0, 1.0, 2.0
-#: A clock that goes back by more than this (s) has begun another day or another dive; less is disorder of talkers.
+#: A clock that goes back by more than this (s) has begun another day or dive; smaller steps are talkers out of order.
 _BACK_S = 60.0
 #: Depths of a transducer (m) that differ by less are the same.
 _SAME_OFFSET_M = 0.01
-#: Standard deviation (s) of the time by which sounders and plotters deliver a depth late.
+#: Standard deviation (s) of the delay with which sounders and plotters deliver a depth.
 SOUNDER_LAG_STD_S = 0.5
 
 #: Arrivals (n,) of sentences, in any unit, from the positions (n,) of their first bytes in the log.
@@ -48,7 +48,7 @@ Arrivals = Callable[[Ints], Array]
 
 
 class _Timed(NamedTuple):
-    """What sentences with a time of day hold, as columns; NaN where a sentence has none.
+    """Columns of the sentences with a time of day; NaN where a sentence has no value.
 
     `rank` is that of the day's source: only the days of the best one count.
     """
@@ -234,7 +234,7 @@ def _absolute(of_day_s: Array, day: Array) -> Array:
 
 
 def _epochs(arrivals: Array, stamps: Array) -> tuple[Array, Array]:
-    """Where the clock moves on: arrivals and times. A clock a little behind another one does not count."""
+    """Arrivals and times at which the clock advances. A clock a little behind another one does not count."""
     kept: list[int] = []
     last = -np.inf
     for i, stamp in enumerate(stamps.tolist()):
@@ -279,7 +279,7 @@ def _is_fix(found: Sentences, rows: Ints, kind: str) -> Mask:
 
 
 def _factors(letters: NDArray[np.bytes_], own: bytes) -> Array:
-    """Metres per unit by the letters behind numbers; NaN for one that is unclear.
+    """Metres per unit by the letters after numbers; NaN for an ambiguous one.
 
     F where f belongs, or f where F does, may be either unit.
     """

@@ -44,14 +44,14 @@ from auv_lse_shore.survey_import.parsing.times import (
 )
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
-#: A clock that goes back by more than this (s) has passed midnight, or rows are in another order; by this, midnight.
+#: After a larger step back (s), a clock has passed midnight or rows are out of order; below the second (s): midnight.
 _BACK_S, _MIDNIGHT_S = 60.0, -82_800.0
 _DAY_S, _HOUR_S = 86_400.0, 3_600.0
 
-#: A half of the day at the end of a time.
+#: AM or PM at the end of a time.
 _HALF_DAY = re.compile(r"[ap]\.?m\.?\s*$", re.IGNORECASE)
 
-#: The name of a zone, whose offset is not known, behind a time.
+#: The name of a zone, whose offset is not known, after a time.
 _ZONE_NAME = re.compile(r"(?<=[\d.MAPmp])\s+(?!UTC|GMT|AM|PM)[A-Z]{3,4}(?=\s+\d{4}\s*$|\s*$)")
 
 #: A name that states minutes and seconds.
@@ -71,7 +71,7 @@ def times_of(table: Table, steps_m: Array, options: ReadOptions, content: LogCon
         table: Its `n` rows.
         steps_m: Distances (m) between their positions (n - 1).
         options: What the user knows about them.
-        content: Takes the clock and notes.
+        content: The clock and notes are added to it.
     """
     best: tuple[Clock, Array] | None = None
     options.used.add("day_first")
@@ -157,16 +157,16 @@ def _time(
 
 
 def _are_too_fast(time_s: Array, steps_m: Array) -> bool:
-    """Whether a boat that moves by `steps_m` (n - 1) between rows is faster than any, if these are its seconds (n,)."""
+    """Whether moving by `steps_m` (n - 1) between rows at these times (n,) (s) would take an impossibly fast boat."""
     known = time_s[np.isfinite(time_s)]
     way_m = float(np.nansum(steps_m[np.isfinite(steps_m)]))
     return bool(len(known)) and way_m > MAX_SPEED_MPS * float(np.ptp(known))
 
 
 def _are_minutes_and_seconds(texts: Sequence[str], column: Column, table: Table, steps_m: Array) -> bool:
-    """Whether times such as "12:34" are minutes and seconds: by their name, or as a boat would else drift.
+    """Whether times such as "12:34" are minutes and seconds: by their name, or because the boat would else only drift.
 
-    With a date they are hours and minutes. Without one, so are those of single soundings, minutes apart.
+    With a date they are hours and minutes, as are those of single soundings minutes apart.
     """
     if _NOTATION.search(column.name):
         return True
@@ -252,7 +252,7 @@ def _without_offsets(times: Array, table: Table, content: LogContent) -> Array:
     if content.clock not in (Clock.LOCAL, Clock.DAY) or len(unclear):
         text = first_of(unclear)
         why = (
-            f"{text!r} is no offset such as +02:00"
+            f"{text!r} is not an offset such as +02:00"
             if text
             else "some rows have none"
             if len(unclear)
@@ -266,18 +266,18 @@ def _without_offsets(times: Array, table: Table, content: LogContent) -> Array:
 
 
 def _counted(clock: Array, period_s: float, table: Table) -> Array:
-    """Times (n,) of a clock that begins again after a day or an hour, with those that begin for each vehicle."""
+    """Times (n,) of a clock that restarts after each day or hour, plus the days or hours begun, vehicle by vehicle."""
     times = clock.copy()
     for _, mask in vehicles_of(table):
         rows = np.flatnonzero(mask & np.isfinite(clock))
-        times[rows[1:]] += period_s * _begun(np.diff(clock[rows]), period_s)
+        times[rows[1:]] += period_s * _periods_begun(np.diff(clock[rows]), period_s)
     return times
 
 
-def _begun(steps: Array, period_s: float = _DAY_S) -> Array:
-    """Number of days or hours that have begun after each step (s) of a clock; (n,).
+def _periods_begun(steps: Array, period_s: float = _DAY_S) -> Array:
+    """Number (n,) of days or hours that have begun after each step (s) of a clock.
 
-    A row of before midnight may be between others of after it.
+    Rows from before and after midnight may be mixed.
     """
     begun = np.cumsum((steps < -_BACK_S).astype(float) - (steps > period_s - _BACK_S))
     count: Array = begun - np.minimum.accumulate(begun.clip(max=0.0))
@@ -285,10 +285,10 @@ def _begun(steps: Array, period_s: float = _DAY_S) -> Array:
 
 
 def _past_midnight(clock: Array, day: Array, name: str, table: Table, content: LogContent) -> Array:
-    """Dates (n,), s since 1970, of rows with one date in all of them, which may be that of the first row.
+    """Dates (n,), s since 1970, of rows that all have one date, perhaps just that of the first row.
 
     Args:
-        clock: Seconds of the day, (n,). If only midnights turn a vehicle's back, days begin there.
+        clock: Seconds of the day, (n,). If a vehicle's clock goes back only at midnight, days begin there.
         day: Seconds since 1970 of the dates, (n,).
         table: Its vehicles have rows of their own.
     """
@@ -299,7 +299,7 @@ def _past_midnight(clock: Array, day: Array, name: str, table: Table, content: L
         turns = steps < -_BACK_S
         if not turns.any() or np.ptp(day[rows]) > 0.0 or (steps[turns] > _MIDNIGHT_S).any():
             continue
-        dates[rows[1:]] += 86_400.0 * _begun(steps)
+        dates[rows[1:]] += 86_400.0 * _periods_begun(steps)
         turned = True
     if turned:
         content.notes.append(f"column {name} has the first day's date after midnight, too; later days are counted")
@@ -317,7 +317,7 @@ def _check_zones(
     if len(zoned) < count:
         raise LogError(
             f"{path}: {len(zoned)} of {count} times in column {column.name} state a zone, such as {zoned[0][:40]!r}, "
-            "the others none. Write the same zone behind all of them"
+            "the others none. Write the same zone after all of them"
         )
 
 

@@ -25,15 +25,15 @@ from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogErr
 
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
-#: More names than these in a column of sounders number something else.
+#: A column of sounders with more names than this numbers something else.
 _MOST_SOUNDERS = 50
 #: Units that differ by less than this share are the same.
 _SAME_UNIT = 1e-5
 #: Metres of a degree.
 _DEGREE_M = 111_000.0
-#: Metres farther from 0 than this (m) are no local coordinates.
+#: Largest distance (m) of local coordinates from 0.
 _FAR_M = 100_000.0
-#: Columns x, y whose quartiles are farther apart than this (deg), 100 km and more, hold no degrees.
+#: Largest distance (deg) between the quartiles of columns x, y in degrees: more than 100 km.
 _WIDE_DEG = 2.0
 #: An altitude that stays below this (m) may be above the bottom.
 _LOW_M = 100.0
@@ -52,7 +52,7 @@ _BELOW = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rows:
-    """What a table's rows mean, shape (n,) each; `positions` (n, 2)."""
+    """The values of a table's rows, shape (n,) each; `positions` (n, 2)."""
 
     time_s: Array
     positions: Array
@@ -89,7 +89,7 @@ def beginning(head: bytes) -> str:
 
 
 def lines_left_out(text: str, joined: int) -> Iterator[tuple[str, int]]:
-    """The number of lines that are no rows of a table, by reason; quoted cells took in `joined` of them."""
+    """The number of lines that are not rows of a table, by reason; `joined` of them are inside quoted cells."""
     if long := long_lines(text):
         yield f"lines of more than {LONGEST:,} letters (the first is line {long[0]})", len(long)
     if joined:
@@ -113,7 +113,7 @@ def unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) -> list[s
         written = [cell.strip() for cell in cells_of(column.number) if cell.strip()]
         if role == depth and written and all(re.match(r"[+-]?[.,]?\d.*[^\d.,]", cell) for cell in written):
             raise LogError(
-                f"{table.path}: its depths are no numbers, such as {written[0]!r}. Leave only the numbers in the "
+                f"{table.path}: its depths are not numbers, such as {written[0]!r}. Leave only the numbers in the "
                 "cells, and put their unit into the header, such as depth_ft, or into --depth-unit."
             )
         if role != depth and (wrong := next((cell for cell in written if re.search(r"\d", cell)), "")):
@@ -121,7 +121,7 @@ def unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) -> list[s
                 "degrees, such as -46.5083, or 46 30.5 S" if role in ("lat", "lon") else "metres, such as 5150199.34"
             )
             raise LogError(
-                f"{table.path}: its positions are no numbers and no angles, such as {wrong[:40]!r}. Write {example}."
+                f"{table.path}: its positions are neither numbers nor angles, such as {wrong[:40]!r}. Write {example}."
             )
     quality = table.columns.get("quality")
     if (
@@ -130,13 +130,13 @@ def unreadable(table: Table, cells_of: Callable[[int], Sequence[str]]) -> list[s
         or not (word := first_of(cells_of(quality.number)))
     ):
         return []
-    return [f"column {quality.name} is ignored: {word!r} is no number"]
+    return [f"column {quality.name} is ignored: {word!r} is not a number"]
 
 
 def _in_units_of(table: Table, names: Sequence[str], positions: Array, unit_m: float) -> Array:
-    """Positions (n, 2) in some unit from columns with units of their own; a column without one is in it already."""
+    """Converts positions (n, 2) from the columns' own units to `unit_m`; a column without a unit is in it already."""
     factors = [factor_of(table.columns[name].unit) / unit_m or 1.0 for name in names]
-    # feet of a survey are often just called feet
+    # survey feet are often just called feet
     return positions * [1.0 if abs(factor - 1.0) < _SAME_UNIT else factor for factor in factors]
 
 
@@ -150,7 +150,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
     missing = ~np.isfinite(positions).all(axis=1)
     zero = (positions == 0.0).all(axis=1) & is_geodetic
     wrong = is_geodetic & ((np.abs(positions[:, 0]) > 90.0) | (np.abs(positions[:, 1]) > 360.0))
-    content.left_out["positions that are no numbers"] += int(missing.sum())
+    content.left_out["positions that are not numeric"] += int(missing.sum())
     content.left_out[NO_POSITION] += int(zero.sum())
     content.left_out[NOT_ON_EARTH] += int(wrong.sum())
     time_s = times_of(table, _steps_m(positions, is_geodetic), options, content)
@@ -200,8 +200,8 @@ def _stated_std(table: Table) -> Array | None:
 def spread_times(time_s: Array, positions: Array, is_geodetic: bool) -> tuple[Array, Mask]:
     """Times (n,) of rows in order, and which rows have none because the clock stood still.
 
-    A coarse clock gives several rows one time at different positions: they are spread over the time to the next. If the
-    boat would have been too fast for that, the clock stood still: these rows keep their order, 1 ms apart.
+    A coarse clock gives several rows at different positions the same time: they are spread over the time to the next.
+    If the boat would have been too fast for that, the clock stood still: these rows keep their order, 1 ms apart.
     """
     starts = np.flatnonzero(np.append(True, np.diff(time_s) != 0.0))
     counts = np.diff(np.append(starts, len(time_s)))
@@ -275,7 +275,7 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     marked = np.isin(np.abs(values), _NO_DATA) & np.isfinite(values)
     content.left_out["depths with a value that marks missing data"] += int(marked.sum())
     values = np.where(marked, np.nan, values) * (factor or 1.0)
-    content.left_out["depths that are no numbers"] += int((~np.isfinite(values) & ~marked).sum())
+    content.left_out["depths that are not numeric"] += int((~np.isfinite(values) & ~marked).sum())
     stated = None if factor or column.unit.strip("- ") else _stated_units(table, column, content)
     content.notes.append(f"column {column.name}{_unit_note(column, factor) if stated is None else ''}")
     values = values if stated is None else values * stated
@@ -326,7 +326,7 @@ def _below_surface(
 
 
 def _follows(heights: Array, depths: Array) -> bool:
-    """Whether heights above the bottom rise and fall with the depths (n,), as if both were of the water."""
+    """Whether heights above the bottom rise and fall with the depths (n,), as if both were depths of the water."""
     both = np.isfinite(heights) & np.isfinite(depths)
     if not both.any():
         return False
@@ -335,7 +335,7 @@ def _follows(heights: Array, depths: Array) -> bool:
 
 
 def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | None:
-    """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths."""
+    """Metres per unit of each row, (n,), from the depths' column of units; None without such a column."""
     roles = {c.number: role for role, c in table.columns.items() if role.startswith("depth_unit")}
     names = {number: table.columns[role].name for number, role in roles.items()}
     lengths = (*DEPTHS, "altitude")
@@ -349,13 +349,13 @@ def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | N
     if stated is None:
         other = first_of(cells)
         content.notes.append(
-            f"column {name} is ignored: {f'{other!r} is no unit of depths' if other else 'it is empty'}"
+            f"column {name} is ignored: {f'{other!r} is not a unit of depth' if other else 'it is empty'}"
         )
         return None
     unclear, silent = np.isnan(stated), np.array([is_unstated(cell) for cell in cells.tolist()])
     if unclear.all():
         raise LogError(
-            f"{table.path}: column {name}, with {first_of(cells)!r}, is no unit of depths. Give it with --depth-unit, "
+            f"{table.path}: column {name} has {first_of(cells)!r}, which is not a unit of depth. Give the unit, "
             "such as --depth-unit m."
         )
     if not column.is_clear and (stated != 1.0).any():

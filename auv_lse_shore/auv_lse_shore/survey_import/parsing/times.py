@@ -18,7 +18,7 @@ _WEEK_S = 7 * 86_400.0
 ROLLOVER_S = 1024 * _WEEK_S
 #: The latest time that a message's stamp can hold (s since 1970: January 2038).
 UTC_TO_S = 2_147_483_000.0
-#: Begin of GPS, 1980-01-06: no receiver gives an earlier time.
+#: Start of GPS time, 1980-01-06: no receiver gives an earlier time.
 GPS_FROM_S = 315_964_800.0
 #: Days from which GPS is one more leap second ahead of UTC.
 _LEAP_DAYS = np.array(
@@ -45,7 +45,7 @@ _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
 _DIGIT_ORDERS = {"ddmmyy": (4, 2, 0), "mmddyy": (4, 0, 2), "yymmdd": (0, 2, 4)}
 #: ISO 8601 without signs: 20250614T100000Z.
 _COMPACT = re.compile(r"\s*((?:19|20)\d{6})T?[ _-]?(\d{2})(\d{2})(\d{2}(?:\.\d*)?)(\s*(?:Z|[+-]\d{2}(?::?\d{2})?)?)$")
-#: A day of a spreadsheet that is no 4-03-25 without signs, and their first one (s since 1970: 1899-12-30).
+#: A spreadsheet's day number that cannot be a date such as 40325, and day 0 (s since 1970: 1899-12-30).
 _SERIAL = re.compile(r"[2-7](?:3[2-9]|[4-9]\d)\d\d(\.0*)?")
 SERIAL_FROM_S = -25_569.0 * 86_400.0
 #: Counts at 1970 and at the latest time, their unit (s), and whether they are of UTC: days of spreadsheets, modified
@@ -60,11 +60,11 @@ _COUNTS = (
     (1.16444736e17, 1.38e17, 1e-7, True),
     (6.21355968e17, 6.43e17, 1e-7, False),
 )
-#: Most time (s) between two counts of a table: a ping each 14 minutes, or else a count of days is one of seconds.
+#: Largest time (s) between two counts of a table: a ping every 14 minutes; otherwise "days" are really seconds.
 _COUNTS_APART_S = 864.0
 #: A year and the day in it, as in 2025-165.
 _YEAR_DAY = re.compile(r"((?:19|20)\d{2})-?(\d{3})$")
-#: Months by the beginnings of their English, German, French, Spanish and Italian names.
+#: Months by the first letters of their English, German, French, Spanish and Italian names.
 _MONTHS = {
     "jan": 1, "gen": 1, "ene": 1, "feb": 2, "fev": 2, "fév": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "avr": 4,
     "abr": 4, "may": 5, "mai": 5, "mag": 5, "jun": 6, "juin": 6, "giu": 6, "jul": 7, "juil": 7, "lug": 7, "aug": 8,
@@ -164,7 +164,7 @@ def of_gps_weeks(weeks: Array, of_week: Array) -> Array:
 
 
 def are_six_digits(texts: Sequence[str]) -> bool:
-    """Whether all texts that are not blank are times such as "140305" or "90305": seconds soon are none."""
+    """Whether all texts that are not blank are times such as "140305" or "90305"; counts of seconds soon fail."""
     known = [text.strip() for text in texts if text.strip()]
     return bool(known) and all(map(_SIX_DIGITS.fullmatch, known)) and bool(np.isfinite(of_day_s(known)).all())
 
@@ -350,7 +350,7 @@ def _iso(texts: Sequence[str]) -> Array | None:
         return None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # what looks like a zone is none here
+            warnings.simplefilter("error")  # text that looks like a zone is not one here
             stamps = np.array([text[:-1] for text in texts] if is_utc else texts, dtype="datetime64[us]")
     except (ValueError, UserWarning, DeprecationWarning):
         return None
@@ -382,17 +382,17 @@ def _zone_s(zone: str) -> float:
 
 
 def date_question(first_s: float, last_s: float, today: date) -> str:
-    """What is odd about a log's dates: a GPS receiver that lost its count of weeks, or a date to come; else ""."""
+    """A question about implausible dates: a GPS receiver that lost its count of weeks, or a future date; else ""."""
     now_s = datetime(today.year, today.month, today.day, tzinfo=UTC).timestamp() + 2 * 86_400.0
     first = datetime.fromtimestamp(first_s, UTC)
     if last_s > now_s:
-        return f"the log is of {first:%Y-%m-%d}, which is in the future; --date gives its first day"
+        return f"the log is dated {first:%Y-%m-%d}, which is in the future; --date gives its first day"
     if last_s < GPS_FROM_S:
-        return f"the log is of {first:%Y-%m-%d}, before GPS; --date gives its first day"
+        return f"the log is dated {first:%Y-%m-%d}, before GPS; --date gives its first day"
     if last_s + ROLLOVER_S <= now_s:
         then = datetime.fromtimestamp(first_s + ROLLOVER_S, UTC)
         return (
-            f"the log is of {first:%Y-%m-%d}. If it is of {then:%Y-%m-%d}, its GPS receiver lost 1,024 weeks: "
-            f"--date {then:%Y-%m-%d} corrects that, --date {first:%Y-%m-%d} confirms the old date"
+            f"the log is dated {first:%Y-%m-%d}. If it is really from {then:%Y-%m-%d}, its GPS receiver lost 1,024 "
+            f"weeks: --date {then:%Y-%m-%d} corrects that, --date {first:%Y-%m-%d} confirms the old date"
         )
     return ""
