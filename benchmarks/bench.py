@@ -28,7 +28,7 @@ GROUPS = (
     "altitude",
     "battery",
 )
-#: Flies planners over grounds and writes a page; it is no group, because it takes hours.
+#: Flies planners over grounds and writes a page; not a group, because it takes hours.
 PLANNERS = "planners"
 #: Modules of groups that are not named after them.
 MODULES = {
@@ -93,7 +93,7 @@ def _check_options(options: argparse.Namespace) -> None:
         if owner and owner not in running:
             raise ValueError(f"{option} is an option of bench {owner}, which does not run. Leave it out")
         if not owner and PLANNERS in running:
-            raise ValueError(f"{option} is no option of bench {PLANNERS}. Leave it out")
+            raise ValueError(f"{option} is not an option of bench {PLANNERS}. Leave it out")
 
 
 def run(options: argparse.Namespace) -> int:

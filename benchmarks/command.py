@@ -1,4 +1,4 @@
-"""What benchmarks that are run by themselves have in common: `python -m benchmarks.NAME`."""
+"""Helpers for benchmarks with a command line of their own: `python -m benchmarks.NAME`."""
 
 import argparse
 import contextlib
@@ -19,7 +19,7 @@ def existing_file(text: str) -> Path:
 
 
 def parser_of(module: str, about: str | None) -> argparse.ArgumentParser:
-    """The command line of `python -m MODULE`; `about` is its docstring, whose lines stay as they are."""
+    """The command line of `python -m MODULE`; `about` is its docstring, printed line by line."""
     formatter = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=about, formatter_class=formatter)
     name_numbers(parser)

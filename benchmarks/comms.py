@@ -58,7 +58,7 @@ def traffic(vehicles: int, seconds: int, config: ChannelConfig) -> tuple[Counter
     """Bridges of a team over the channel; every vehicle has a plan and takes ten soundings a second.
 
     Returns:
-        What became of each possible reception ("": read), and the processor time (s) of all bridges.
+        The outcome of each possible reception ("": read), and the processor time (s) of all bridges.
     """
     team = [ModemBridge(TdmaConfig(), PacketConfig(), a, vehicles, limits=LIMITS) for a in range(1, vehicles + 1)]
     channel = Channel(config, stream(SEED, "channel"))
@@ -111,11 +111,11 @@ def ranges(sizes: Sizes = FULL) -> list[Row]:
 
 
 def _within(share: float, expected: float, least: float, count: int) -> tuple[str, bool]:
-    """The goal that a share of `count` is an expected one but for chance, and whether it is met.
+    """The goal that a measured share differs from the expected one only by chance, and whether it is met.
 
     Args:
-        least: Variance of one of `count`, at least.
-        count: Their number.
+        least: Minimum variance of one trial.
+        count: Number of trials.
     """
     sigma = np.sqrt(max(expected * (1.0 - expected), least) / max(count, 1))
     return "within 4 sigma", bool(abs(share - expected) < 4.0 * sigma)

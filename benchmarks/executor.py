@@ -26,7 +26,7 @@ _BURST = 4
 def run(*, smoke: bool = False) -> list[Row]:
     """Sends messages through a node with as many topics as one of the stack's, by either executor.
 
-    If it is no smoke run, also flies a mission with each.
+    Unless it is a smoke run, also flies a mission with each.
 
     Raises:
         RuntimeError: if a mission failed, with its output.

@@ -54,7 +54,7 @@ SIZE_M = (500.0, 400.0)
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """How much is measured.
+    """Sizes of the measurements.
 
     Attributes:
         evaluations: Locations at which the ways to the expected risk are compared.

@@ -24,16 +24,16 @@ from benchmarks.rows import Row, row
 
 #: This checkout.
 ROOT = Path(__file__).resolve().parents[1]
-#: Where the baseline's name is.
+#: The file that names the baseline.
 BASELINE = Path(__file__).with_name("mission_baseline.json")
 #: Largest processor time of a part relative to the baseline, and of the whole to the fastest baseline so far.
 MOST_GROWTH, MOST_TOTAL = 1.15, 1.10
 #: Missions flown with each, and how many if a part is too slow after the first ones: that may be noise.
 PAIRS, MOST_PAIRS = 3, 6
-#: Only so much more processor time of a part (s) counts: a share of a short part is noise.
+#: Smaller growth (s) of a part does not count: in a short part, it is noise.
 NOISE_S = 0.05
-#: What would give one checkout the other's code, or have it compiled at every start.
-OF_THIS_CHECKOUT = (
+#: Variables that would give one checkout the other's code, or make it compile at every start.
+CHECKOUT_VARIABLES = (
     "AMENT_PREFIX_PATH",
     "CMAKE_PREFIX_PATH",
     "COLCON_PREFIX_PATH",
@@ -120,7 +120,7 @@ def checkout(commit: str, parent: Path = ROOT / "build") -> Path:
     """A checkout of a commit; the same one the next time. Those of earlier baselines go.
 
     Raises:
-        RuntimeError: if this is no clone that has the commit.
+        RuntimeError: if this is not a clone that has the commit.
     """
     folder = parent / f"baseline-{commit[:8]}"
     try:
@@ -142,7 +142,7 @@ def checkout(commit: str, parent: Path = ROOT / "build") -> Path:
 
 def _environment() -> dict[str, str]:
     """The environment for both checkouts, each of which adds its own; a ROS 2 of the machine's own stays in it."""
-    left_out = {*ALWAYS_LEFT_OUT, *(() if "ROS_DISTRO" in os.environ else OF_THIS_CHECKOUT)}
+    left_out = {*ALWAYS_LEFT_OUT, *(() if "ROS_DISTRO" in os.environ else CHECKOUT_VARIABLES)}
     return {name: value for name, value in os.environ.items() if name not in left_out}
 
 

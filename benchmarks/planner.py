@@ -46,7 +46,7 @@ BATCH = 32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """How much is measured.
+    """Sizes of the measurements.
 
     Attributes:
         centers: Kernel centers of the map.
@@ -247,7 +247,7 @@ def _flown(made: VehiclePlanner, legs: int, now_s: float) -> float:
 
 
 def under_way(sizes: Sizes = FULL) -> list[Row]:
-    """What a 20 ms deadline leaves of a decision of `tour` that looks for another plan, with one in hand."""
+    """Value that a 20 ms deadline leaves of a `tour` decision that looks for another plan, with one in hand."""
     made = planner("tour", sizes.centers, **sizes.options)
     made._take_centers(np.zeros(3), evaluates=True)
     every, now_s = made.planner.tour_interval, 0.0

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-# With more threads BLAS adds up in another order, and some decision then falls otherwise.
+# With more threads, BLAS sums in another order, which changes some decision.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from auv_lse_common.mission_file.settings import Settings
@@ -28,9 +28,9 @@ from benchmarks.command import end_with, parser_of
 TOLERANCE = 1e-12
 
 #: Figures of the machine's clock.
-OF_THE_CLOCK = ("planning_median_s", "planning_max_s", "wall_s")
+CLOCK_FIGURES = ("planning_median_s", "planning_max_s", "wall_s")
 
-#: Missions that between them go through every method and option that decides something.
+#: Missions that together cover every method and option that affects decisions.
 MISSIONS: dict[str, dict[str, Any]] = {
     "tour": {"planner.method": "tour"},
     "augmented": {
@@ -68,12 +68,12 @@ def fly(overrides: dict[str, Any]) -> dict[str, Any]:
     return {
         "packets": digest.hexdigest(),
         "count": len(run.sent),
-        "figures": {k: v for k, v in figures.items() if k not in OF_THE_CLOCK},
+        "figures": {k: v for k, v in figures.items() if k not in CLOCK_FIGURES},
     }
 
 
 def differences(before: Any, now: Any, where: str = "") -> list[str]:
-    """What differs between two results, a line each."""
+    """The differences between two results, a line each."""
     if isinstance(before, dict) and isinstance(now, dict):
         found = [f"{where}.{k}: missing now" for k in sorted(before.keys() - now.keys())]  # new figures are allowed
         return found + [d for k in before if k in now for d in differences(before[k], now[k], f"{where}.{k}")]
@@ -89,7 +89,7 @@ def differences(before: Any, now: Any, where: str = "") -> list[str]:
 def main(arguments: list[str] | None = None) -> int:
     """Command line. Returns 1 if missions differ."""
     parser = parser_of("benchmarks.reference_missions", __doc__)
-    parser.add_argument("--write", type=Path, metavar="FILE", help="write what the missions give")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="write the results of the missions")
     parser.add_argument("--compare", type=Path, metavar="FILE", help="fly them again and compare with this file")
     parser.add_argument("--only", nargs="+", choices=MISSIONS, metavar="NAME", help=f"of {', '.join(MISSIONS)}")
     options = parser.parse_args(arguments)

@@ -37,7 +37,7 @@ def appended(path: Path) -> TextIO:
 
 
 def _begin(scratch: str) -> None:
-    """In a process of the pool: Ctrl-C ends it without a word; what it leaves is in `scratch`."""
+    """In a process of the pool: Ctrl-C ends it silently; its temporary files are in `scratch`."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     tempfile.tempdir = scratch
 
@@ -47,7 +47,7 @@ def fly(
 ) -> Iterator[dict[str, Any]]:
     """Calls `mission` with the arguments of each job, some at once, and yields each line after it is written.
 
-    A signal to end ends those under way without a word; the lines of the others stay.
+    A terminating signal ends missions under way silently; the lines of the others stay.
     """
     with (
         tempfile.TemporaryDirectory(prefix="auv_lse_flights_") as scratch,

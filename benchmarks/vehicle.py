@@ -1,4 +1,4 @@
-"""What one vehicle's computer needs: processor time and memory of its nodes in a paced mission, on one core.
+"""Load of one vehicle's computer: processor time and memory of its nodes in a paced mission, on one core.
 
 Two vehicles fly apart, in real time, each in its own ROS domain with an emulated modem and a simulated autopilot
 (`auv_lse sim --apart`). All processes of vehicle 1 (`auv_lse vehicle`) share one core; the simulator and vehicle 2 have

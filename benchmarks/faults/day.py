@@ -34,7 +34,7 @@ from benchmarks.vehicle import memory_mb
 SPEED_MPS = 1.5
 #: The water moves vehicles this much faster than the aim: they wait during recoveries, which count.
 CATCH_UP = 1.15
-#: Time (s) after which a vehicle that decides nothing, or is not back, never will.
+#: A vehicle that has decided nothing, or is not back, after this time (s) has failed.
 NEVER_S = 300.0
 #: The last kills of each vehicle, which show restarts after the day, and the legs between two of them in the team.
 LATE = ("gp_node", "planner_node")
@@ -42,15 +42,15 @@ LATE_APART = 6
 #: After a rebuild soundings are merged in another order. A center is then less than this many spacings away: one to its
 #: first sounding, one to the first sounding of the center into which that is merged, one to that center.
 SPACINGS = 3.0
-#: Goal for the restart of a node after the day (s), and most memory of a vehicle (MB).
+#: Goal for the restart of a node after the day (s), and maximum memory of a vehicle (MB).
 RESTART_S, MEMORY_MB = 5.0, 500.0
-#: What a restarted node publishes first, and every reader receives; a restarted modem_node has to wait for a slot.
+#: First topic of a restarted node that every reader receives; a restarted modem_node has to wait for a slot.
 OUTPUTS = {"gp_node": "kernel_centers", "safety_node": "mission/state", "planner_node": "waypoint"}
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """After which step what is killed: a node, or "" for a power loss; `late`: at the end of the day."""
+    """A kill after a step: of a node, or "" for a power loss; `late`: at the end of the day."""
 
     step: int
     node: str
@@ -58,7 +58,7 @@ class Fault:
 
     @property
     def name(self) -> str:
-        """For the table."""
+        """The fault's name in the table."""
         return f"`{self.node}`" if self.node else "power loss"
 
 
@@ -111,7 +111,7 @@ class Strike:
     wrong: list[str] = field(default_factory=list)
 
     def missing(self) -> str:
-        """What has not come back; "" if everything has."""
+        """Outputs that have not come back; "" if all have."""
         parts = {"an output of each node": self.output_s, "a decision": self.decided_s, "mates' packets": self.heard_s}
         return ", ".join(name for name, value in parts.items() if math.isnan(value))
 
@@ -172,7 +172,7 @@ class VehicleDay:
         return False
 
     def lost_at_end(self, legs: int) -> list[str]:
-        """What the vehicle has lost over the whole day; the day must be over."""
+        """Losses of the vehicle over the whole day; the day must be over."""
         ledger = self.vehicle.witness.ledger
         lost = [f"steps {steps} were not decided"] if (steps := ledger.lost_steps(legs)) else []
         lost += [f"its map lost {number} soundings" for number in ledger.lost_soundings()]
@@ -235,7 +235,7 @@ class VehicleDay:
         return all("ready after" in self._logged(node) for node in self._struck)
 
     def _lost_by(self, strike: Strike) -> list[str]:
-        """What a fault has destroyed, now that everything is back."""
+        """Losses by a fault, once everything is back."""
         witness, lost = self.vehicle.witness, []
         for node, journal in self._journals.items():
             if problem := journal_problem(journal, self._logged(node), self._kills[node]):
@@ -256,7 +256,7 @@ class VehicleDay:
         return self.vehicle.out / "logs" / f"auv{self.vehicle.number}.{node}.log"
 
     def _logged(self, node: str) -> str:
-        """What a node has logged since it was struck."""
+        """The log of a node since it was struck."""
         return self._log(node).read_bytes()[self._log_sizes[node] :].decode(errors="replace")
 
     def _journal(self, node: str) -> Path:

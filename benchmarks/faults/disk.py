@@ -53,7 +53,7 @@ def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float,
         wrong.append(f"not reported within {REPORTED_S:g} s")
     bed.spend(rng.uniform(0.0, 0.5))
     vehicle.kill(node)
-    back_s = bed.wait(lambda: water.has_back([node]), BACK_S)
+    back_s = bed.wait(lambda: water.has_restarted([node]), BACK_S)
     bed.wait(lambda: water.state is not None, 5.0)
     bed.spend(1.5)
     state = water.state

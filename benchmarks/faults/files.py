@@ -51,7 +51,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
         source = originals[number % len(originals)]
         path = folder / f"damaged-{number}{source.suffix}"
         path.write_bytes(damaged(source.read_bytes(), rng))
-        found, took_s = _read_apart(path, folder / f"damaged-{number}.txt")
+        found, took_s = _read_in_process(path, folder / f"damaged-{number}.txt")
         slowest_s = max(slowest_s, took_s)
         if isinstance(found, str):
             lost.append(f"{path.name} ({source.name}): {found}")
@@ -89,7 +89,7 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(found)
 
 
-def _read_apart(path: Path, report: Path) -> tuple[list[str] | str, float]:
+def _read_in_process(path: Path, report: Path) -> tuple[list[str] | str, float]:
     """How each reading of a file ended, or what broke; and the processor time (s) that it took."""
     _readers()  # loaded once, before the process divides
     before = time.monotonic()

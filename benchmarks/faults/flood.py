@@ -34,8 +34,8 @@ VEHICLE = 2
 REPORTS_HZ, SPEED_MPS = 10.0, 1.5
 #: Rates under attack must reach this share of those before.
 LEAST_SHARE = 0.9
-#: What the attacker sends: random bytes, messages of another system, messages of the autopilot's ids that are signed
-#: with another key, and recorded messages of the autopilot.
+#: The attacker's messages: random bytes, those of another system, those with the autopilot's ids signed with another
+#: key, and recorded ones of the autopilot.
 KINDS = ("garbage", "foreign ids", "bad signatures", "replays")
 #: vehicle_link_node's timer (s).
 _STEP_S = 0.05
@@ -99,7 +99,7 @@ def _datagrams(kind: str, recorded: Sequence[bytes], rng: random.Random) -> Sequ
 
 @dataclass(slots=True)
 class Rates:
-    """What passed the link in some seconds: odometry and targets (1/s), the longest gap in odometry (s), load."""
+    """Traffic over the link in some seconds: odometry and targets (1/s), the longest gap in odometry (s), load."""
 
     odometry_hz: float
     targets_hz: float

@@ -1,4 +1,4 @@
-"""What the team loses to an attacker with an acoustic modem but no key, and to wrong clocks.
+"""The team's losses to an attacker with an acoustic modem but no key, and to wrong clocks.
 
 Missions of three vehicles in one process (the fleet engine) without tags. The forger sends in vehicle 2's name. It
 hears everything, knows the ground, and its packets reach all vehicles. Then a pair of vehicles with tags, whose clocks
@@ -42,7 +42,7 @@ EARLY_S, ON_TIME_S, APART_S = 1.0, 3.0, 2.0
 LEG_S = 15.7
 #: Arguments of a run of a few minutes.
 SMALL = ("--seeds", "1")
-#: How long (s) vehicles may not hear each other after their clocks are corrected.
+#: Maximum time (s) in which vehicles do not hear each other after their clocks are corrected.
 MOST_LOCKOUT_S = 120.0
 #: How far wrong clocks are ahead (s), and when they are corrected and the vehicles restarted (s).
 AHEAD_S, CORRECTED_S, RESTARTED_S, END_S = 3600.0, 300.0, 310.0, 4200.0
@@ -50,7 +50,7 @@ AHEAD_S, CORRECTED_S, RESTARTED_S, END_S = 3600.0, 300.0, 310.0, 4200.0
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Attack:
-    """What a forger does.
+    """A forger's attack, and its accepted effects.
 
     Attributes:
         name: For the table.
@@ -296,7 +296,7 @@ class Outcome:
         wrong: Share of the cells that its map puts on the wrong side of the level.
         through: Share of the victim's packets that it accepted.
         forged: Forged packets that it accepted.
-        planless_s: Time without a plan that the victim has sent lately (s), from `BEGINS_S` on.
+        planless_s: Time without a recent plan of the victim (s), from `BEGINS_S` on.
     """
 
     wrong: float

@@ -1,4 +1,4 @@
-"""A vehicle's disk fails: an ext4 error makes it read-only, its folder is deleted, or it is full to the last byte.
+"""Disk failures of a vehicle: an ext4 error makes it read-only, its folder is deleted, or it is completely full.
 
 The disk is an ext4 file system of its own (a loop device), so this needs root on Linux. The error is the kernel's own
 (`trigger_fs_error`): it makes the disk read-only while files are open for writing, as a failing card does. Each moment
@@ -67,7 +67,7 @@ def delete(mounted: Path) -> None:
 
 
 def fill(mounted: Path) -> None:
-    """Fills the disk to the last byte, in few writes: meanwhile nobody sends the vehicle its odometry."""
+    """Fills the disk to the last byte, in few writes: meanwhile the vehicle receives no odometry."""
     for size in (2**20, 4096, 256, 16, 1):
         with contextlib.suppress(OSError), (mounted / "filling").open("ab", buffering=0) as file:
             while True:
@@ -99,7 +99,7 @@ def break_disk(bed: DiveBed, mounted: Path, fault: str, node: str, order: str) -
         back_s = _restart(bed)
     else:
         vehicle.kill(node)
-        back_s = bed.wait(lambda: node in vehicle.running.nodes and water.has_back([node]), BACK_S)
+        back_s = bed.wait(lambda: node in vehicle.running.nodes and water.has_restarted([node]), BACK_S)
     if math.isnan(back_s):
         return back_s, [*wrong, "never back"]
     bed.wait(lambda: water.state is not None, 5.0)
@@ -138,7 +138,7 @@ def _restart(bed: DiveBed) -> float:
     if next(iter(vehicle.running.nodes), "") != "safety_node":
         return math.nan
     bed.wait(vehicle.has_started, BOOTED_S)
-    return math.nan if math.isnan(bed.wait(lambda: vehicle.witness.has_back(NODES), BOOTED_S)) else back_s
+    return math.nan if math.isnan(bed.wait(lambda: vehicle.witness.has_restarted(NODES), BOOTED_S)) else back_s
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

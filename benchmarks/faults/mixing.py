@@ -40,7 +40,7 @@ _START_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """What became of a simulation with an intruder: what happened, what is wrong, when the intruder was named (s)."""
+    """Outcome of a simulation with an intruder: a description, what is wrong, when the intruder was named (s)."""
 
     name: str
     what: str
@@ -65,7 +65,7 @@ def _summary(run: Path) -> dict[str, object]:
 
 
 def _vehicle_file(path: Path, out: Path) -> Path:
-    """The mission file of a vehicle that starts at once and has nobody to answer it."""
+    """The mission file of a vehicle that starts at once and has no mates."""
     body = yaml.safe_load((out / "mission.yaml").read_text())
     own = body["/**"]["ros__parameters"]
     del own["sim"]

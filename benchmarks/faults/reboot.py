@@ -28,7 +28,7 @@ def cut(path: Path, rng: np.random.Generator) -> None:
         file.truncate(int(rng.integers(path.stat().st_size + 1)))
 
 
-#: What happens to a state file, and to everything that a dive has left.
+#: Kinds of damage to a state file, and to the whole run folder.
 _DAMAGE = ("torn", "zeroed", "removed")
 _RUN_FOLDER = "run folder"
 
@@ -92,8 +92,8 @@ def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[s
         bed.start(vehicle)
     except RuntimeError as error:
         return what, math.nan, [*wrong, str(error)]
-    has_back = bed.wait(lambda: water.has_back(NODES), BOOTED_S)
-    back_s = math.nan if math.isnan(has_back) else time.monotonic() - began_s
+    has_restarted = bed.wait(lambda: water.has_restarted(NODES), BOOTED_S)
+    back_s = math.nan if math.isnan(has_restarted) else time.monotonic() - began_s
     bed.wait(lambda: water.state is not None, 10.0)
     bed.spend(2.5)  # more than safety.patience_s
     state = water.state

@@ -27,17 +27,17 @@ from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
 from benchmarks.faults.report import Report
 
-#: Soundings a second; packets a second of each vehicle that babbles, and how many of them do.
+#: Soundings a second; packets a second of each babbling vehicle, and the number of these.
 SOUNDINGS_HZ = 50
 PACKETS_HZ = 2
 BABBLERS = 4
-#: Memory may grow by so much (MB) over the second half.
+#: Largest growth of memory (MB) over the second half.
 GROWTH_MB = 150.0
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One look: mission time (s), memory (MB), kernel centers; longest decision and tick since (s of processor)."""
+    """A sample: mission time (s), memory (MB), kernel centers; longest decision and tick since (s of processor)."""
 
     now_s: float
     memory_mb: float
@@ -55,7 +55,7 @@ def memory_mb() -> float:
 def _loaded(
     output: VehicleOutput, fleet: Fleet, now_s: float, corners: Array, rng: np.random.Generator
 ) -> VehicleOutput:
-    """A tick's output with soundings at `SOUNDINGS_HZ`, and the packets of those that babble."""
+    """A tick's output with soundings at `SOUNDINGS_HZ`, and the packets of the babbling vehicles."""
     count = len(output.soundings)
     repeated = output.soundings[np.repeat(np.arange(count), max(1, SOUNDINGS_HZ // max(1, count)))]
     noisy_m = repeated.depth_m + 0.05 * rng.standard_normal(len(repeated))
@@ -88,7 +88,7 @@ def _steps(minutes: float) -> int:
 
 def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[Sample], Fleet]:
     """Runs the cores of vehicle 1 for some minutes of mission time; returns ten samples, and the fleet."""
-    warm_up()  # its first decision is not to count what is loaded, or compiled, once
+    warm_up()  # loads and compiles code in advance, which the first decision must not count
     settings = Settings.load(
         None, {"mission.vehicles": vehicles, "mission.steps": _steps(minutes), "mission.seed": seed}
     )

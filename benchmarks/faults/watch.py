@@ -25,7 +25,7 @@ from auv_lse_common.vocabulary.mission_run import Action, MissionRun, RunState, 
 from benchmarks.faults.report import Report
 
 SMALL = ("--sequences", "4000")
-#: How a limit is exceeded: the limit, and the rest of the name.
+#: Faults by name: the exceeded limit, and how.
 FAULTS = (
     "depth", "fence", "altitude", "battery", "leak", "autopilot", "pressure", "link", "mission time",
     "odometry with old stamps", "odometry silent", "odometry frozen", "odometry impossible",
@@ -40,9 +40,9 @@ STANDING: dict[str, tuple[str, ...]] = {
 STANDING["altimeter silent"] = ("altitude",)
 #: Largest share of good readings while a limit is exceeded, of outliers, and of steps that begin a dropout.
 FLICKER, OUTLIERS, DROPOUTS = 0.1, 0.02, 0.05
-#: A strip that no vehicle reaches the end of: corners, north and east (m).
+#: A strip too long for any vehicle to reach its end: corners, north and east (m).
 _STRIP = (0.0, 0.0, 100.0, 0.0, 100.0, 1e5, 0.0, 1e5)
-#: After so much way (m) under water a repeated value is frozen, for altimeter and depth gauge.
+#: A value repeated over this distance (m) under water is frozen, for altimeter and depth gauge.
 _FROZEN_M = 50.0
 _LIMITS = ("depth", "altitude", "fence", "odometry", "link", "autopilot", "battery", "leak", "pressure", "mission_time")
 _CHUNK = 250
@@ -103,7 +103,7 @@ class Sequence:
         return not self.wrong_limits and not math.isnan(self.answered_s)
 
     def _delay_s(self) -> float:
-        """Time from the fault to when the limit is truly exceeded: as soon as an age or a way is over its limit."""
+        """Time (s) from the fault until the limit is truly exceeded, by an age or a distance."""
         if self._fault.startswith(("odometry", "link", "altimeter silent", "charge silent")):
             return 2.0 * self.patience_s
         if self._fault.endswith("frozen"):
@@ -112,7 +112,7 @@ class Sequence:
         return 3.0 * self._step_s if self._fault == "mission time" else 0.0
 
     def _is_bad(self, fault: str) -> bool:
-        """Whether a reading exceeds a limit: seldom a healthy one does (outlier), mostly an exceeded one (flicker)."""
+        """Whether a reading exceeds a limit: rarely without a fault (outlier), mostly with one (flicker)."""
         has = self._has(fault)
         return has != (self.rng.random() < (max(self._flicker, self._outliers) if has else self._outliers))
 
@@ -207,7 +207,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
     """Plays the sequences on two cores; a row for each fault."""
     found: list[tuple[str, float, str]] = []
-    with multiprocessing.Pool(2, initializer=_take_no_signals) as pool:
+    with multiprocessing.Pool(2, initializer=_ignore_interrupts) as pool:
         for number, done in enumerate(pool.imap_unordered(_play, _chunks(options.sequences, options.seed))):
             found += done
             if number % 40 == 0:
@@ -228,7 +228,7 @@ def _chunks(number: int, seed: int) -> list[list[tuple[str, str]]]:
     return [whole[i : i + _CHUNK] for i in range(0, len(whole), _CHUNK)]
 
 
-def _take_no_signals() -> None:
+def _ignore_interrupts() -> None:
     """In a process of the pool: Ctrl-C is the parent's, which ends them by SIGTERM."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -31,7 +31,7 @@ SMALL = ("--seeds", "1", "--steps", "40")
 MOST_RISK = 1.25
 #: How far a clock is ahead (s) of the true time (s).
 Clock = Callable[[float], float]
-#: What a fault makes of the packets that one vehicle has read in a tick: (packets, time (s), random stream) -> packets.
+#: Distorts the packets that one vehicle has read in a tick: (packets, time (s), random stream) -> packets.
 Distort = Callable[[list[Arrival], float, np.random.Generator], list[Arrival]]
 
 
@@ -117,10 +117,10 @@ FAULTS = (
     Fault(name="a clock set back by 34 s at 5 min", clock=lambda now_s: -34.0 if now_s >= 300.0 else 0.0),
 )
 #: The vehicle whose clock is off.
-_OFF = 2
+_WRONG_CLOCK_VEHICLE = 2
 
 
-class _OffClock(VehicleCores):
+class _WrongClockCores(VehicleCores):
     """A vehicle's cores with a wrong clock; the world's output has wrong stamps already."""
 
     def __init__(self, cores: VehicleCores, clock: Clock) -> None:
@@ -138,7 +138,7 @@ class _OffClock(VehicleCores):
 
 
 def _restamped(output: VehicleOutput, mine: Clock, senders: Callable[[int], Clock]) -> VehicleOutput:
-    """A tick's output as a vehicle with the clock `mine` stamps it; packets tell when they were sent by their own."""
+    """A tick's output as stamped by the clock `mine`; times at which packets were sent are by their senders' clocks."""
 
     def at(then_s: float) -> float:
         return then_s + mine(then_s)
@@ -164,7 +164,7 @@ def _restamped(output: VehicleOutput, mine: Clock, senders: Callable[[int], Cloc
 
 
 class RoughWater(Fleet):
-    """A fleet whose arrivals are distorted, or of which one clock is off."""
+    """A fleet with distorted arrivals or one wrong clock."""
 
     def __init__(self, settings: Settings, fault: Fault, seed: int) -> None:
         super().__init__(settings, ground_of(settings))
@@ -177,13 +177,13 @@ class RoughWater(Fleet):
         tick = self.world.tick
 
         def clock_of(number: int) -> Clock:
-            return clock if number == _OFF else lambda now_s: 0.0
+            return clock if number == _WRONG_CLOCK_VEHICLE else lambda now_s: 0.0
 
         def restamped(now_s: float) -> dict[int, Any]:
             return {k: _restamped(output, clock_of(k), clock_of) for k, output in tick(now_s).items()}
 
         self.world.tick = restamped  # type: ignore[method-assign]  # the water, by each vehicle's clock
-        self.cores[_OFF - 1] = _OffClock(self.cores[_OFF - 1], clock)
+        self.cores[_WRONG_CLOCK_VEHICLE - 1] = _WrongClockCores(self.cores[_WRONG_CLOCK_VEHICLE - 1], clock)
 
     def _spoil(self, make: Callable[[], Distort], rng: np.random.Generator) -> None:
         tick = self.world.tick

@@ -22,7 +22,7 @@ _BURST = 64
 
 @dataclass(slots=True)
 class Link:
-    """What happens to the packets of one vehicle, in each direction.
+    """The link of one vehicle, the same in both directions.
 
     Attributes:
         loss: Probability that a packet is lost.

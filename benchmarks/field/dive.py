@@ -31,12 +31,12 @@ from benchmarks.field.relay import Relay
 from benchmarks.field.sshd import Field, side_command
 
 Say = Callable[[str], None]
-#: Parameters of a mission that is over soon.
+#: Parameters of a short mission.
 _SHORT = {"packet.tag": "true", "packet.session": "field", "tdma.slot_s": "7", "vehicle.start": "on_call"}
 #: Legs of the vehicles, and of the simulator, which counts those before an abort, too, and must not end first.
 _STEPS, _SIMULATED = 6, 60
 _NODES_S, _MISSION_S = 120.0, 300.0
-#: What the chart must have of each vehicle, and the longest time (s) between two of its positions.
+#: Events that the chart must have of each vehicle, and the longest time (s) between two of its positions.
 _RATE = "bytes of excerpts, each vehicle and second"
 _SHOWN, _GAP_S = ("pose", "plan", "map", "received"), 8.0
 
@@ -52,7 +52,7 @@ class _Chart(TeamChart):
         return super().take(name, answer)
 
     def check(self, vehicles: int) -> str:
-        """What the chart lacks of a mission that has ended; "" if nothing."""
+        """The first gap in the chart of a mission that has ended; "" if none."""
         events = self.timeline.since("", 0, sys.maxsize)[2]
         for k in range(1, vehicles + 1):
             of = {kind: [e["t"] for e in events if e["kind"] == kind and e.get("vehicle") == k] for kind in _SHOWN}
@@ -77,7 +77,7 @@ class _Day:
     began_s: float
 
     def fleet(self, *words: str, code: int | None = 0) -> str:
-        """What `auv_lse fleet` prints.
+        """Runs `auv_lse fleet`; returns its output.
 
         Raises:
             DiveError: if its exit code is not the one expected (None: any).

@@ -62,7 +62,7 @@ class Team:
         (folder / STATE).write_text(json.dumps(state))
 
     def fleet(self, *words: str) -> str:
-        """What `auv_lse fleet` prints."""
+        """Runs `auv_lse fleet`; returns its output."""
         text = io.StringIO()
         with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
             main(["fleet", str(self.field.fleet_file(self.entries, self._name)), *words])
@@ -75,7 +75,7 @@ class FieldFault:
 
     Attributes:
         inject: Puts it into a team that is ready; a context while it lasts.
-        words: What the output has to name.
+        words: Words that the output must have.
         verb: The command that has to name it.
     """
 
@@ -183,6 +183,6 @@ def team_on_deck(folder: Path) -> Iterator[Callable[[str], Team]]:
 
 
 def printed(fault: FieldFault, team: Team) -> str:
-    """What is printed about a team with a fault."""
+    """The output about a team with a fault."""
     with fault.inject(team):
         return team.fleet(*fault.verb)

@@ -1,4 +1,4 @@
-"""What befalls a field day on the air: outages, other addresses, reboots, laptops that die during a command."""
+"""Mishaps of a field day over Wi-Fi: outages, new addresses, reboots, laptops that die during a command."""
 
 import json
 import os
@@ -23,7 +23,7 @@ _EVERY_S, _BOOT_S = 20.0, 3.0
 KINDS = ("outage", "address", "reboot")
 
 
-class _Beside:
+class _BackgroundWork:
     """Work in a thread of its own, beside a block of code: a context, at whose end the last piece of work is over."""
 
     def __init__(self, work: Callable[[], None]) -> None:
@@ -41,7 +41,7 @@ class _Beside:
         self._thread.join()
 
 
-class Mishaps(_Beside):
+class Mishaps(_BackgroundWork):
     """Makes mishaps happen to one vehicle after another.
 
     Attributes:
@@ -51,7 +51,7 @@ class Mishaps(_Beside):
     def __init__(
         self, field: Field, radio: Radio, there: Sequence[tuple[Namespace, Computer]], outage_s: float, seed: int
     ) -> None:
-        """Nothing happens yet.
+        """Sets up the mishaps; the context starts them.
 
         Args:
             there: Namespace and computer of auv1, auv2, ...
@@ -70,7 +70,7 @@ class Mishaps(_Beside):
             turn += 1
 
     def one(self, kind: str, k: int) -> None:
-        """One mishap of the k-th vehicle; returns when it is over. Connections that it leaves are half open."""
+        """Makes one mishap happen to the k-th vehicle; returns when it is over. It leaves connections half open."""
         own, computer = self._there[k]
         if kind == "outage":
             self._radio.set(k, up=False)
@@ -96,7 +96,7 @@ def killed_laptop(file: Path, words: Sequence[str], after_s: float) -> None:
     process.wait()
 
 
-class AgeCheck(_Beside):
+class AgeCheck(_BackgroundWork):
     """Compares the age that `watch` shows of each vehicle's state with its true age, twice a second.
 
     Attributes:

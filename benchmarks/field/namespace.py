@@ -56,12 +56,12 @@ class Namespace:
         call_as_root(_NEEDED_BY, *self.inside, "ip", "link", "set", "lo", "up")
         self._add_address()
         call_as_root(_NEEDED_BY, *self.inside, "ip", "link", "set", self._far, "up")
-        # the slowest under loss, and allowed everywhere: this machine's own may be one that loss hardly slows down
+        # slowest under loss and allowed everywhere; loss may hardly slow down the machine's default
         call_as_root(_NEEDED_BY, *self.inside, "sysctl", "-q", "-w", "net.ipv4.tcp_congestion_control=reno")
         return near, far
 
     def move(self) -> None:
-        """Gives it another address, as a router does after a restart: what was connected hears nothing any more."""
+        """Gives it another address, as a router does after a restart: open connections fall silent."""
         call_as_root(_NEEDED_BY, *self.inside, "ip", "addr", "flush", "dev", self._far)
         self._host = self._host + 1 if self._host < 250 else 2
         self._add_address()

@@ -77,7 +77,7 @@ class Operator:
 def wrong_orders(
     vehicle: RemoteVehicle, computer: Computer, ledgers: LedgerFile, has_rebooted: bool = False
 ) -> tuple[int, int, list[str]]:
-    """Number of orders to a vehicle, of those executed again, and what is wrong with the others.
+    """Number of orders to a vehicle, number executed again, and errors in the others.
 
     One that has rebooted may have executed an order again, or been interrupted by that.
     """

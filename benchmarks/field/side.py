@@ -21,7 +21,7 @@ from auv_lse_run.vehicle.run_vehicle import vehicle_number
 
 #: The file of executed orders, a line each: number, verb, laptop.
 EXECUTED = "executed.txt"
-#: What the nodes report; without the file, no nodes run. How far the clock is off (s).
+#: The nodes' report; without the file, no nodes run. The clock's error (s).
 STATE, CLOCK = "state.json", "clock_off_s"
 
 
@@ -41,7 +41,7 @@ class NotingActor(session.NodeActor):
         return ACTED, "noted"
 
     def state(self) -> dict[str, Any]:
-        """What the file says; a part with `stamp_s`, by the steady clock of this machine, has its true age."""
+        """The file's content; a part with `stamp_s`, by this machine's steady clock, gets its true age."""
         found: dict[str, Any] = json.loads((self._folder / STATE).read_text()) if _runs(self._folder) else {}
         for part in found.values():
             if isinstance(part, dict) and "stamp_s" in part:
@@ -49,7 +49,7 @@ class NotingActor(session.NodeActor):
         return found
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Does nothing: nothing is open."""
 
 
 class Side(session.Session):

@@ -1,4 +1,4 @@
-"""How well a vehicle keeps its altitude over rising ground: directly simulated, and with a simulated ArduSub.
+"""Accuracy of altitude keeping over rising ground: directly simulated, and with a simulated ArduSub.
 
 `auv_lse bench altitude` flies legs over a trapezoid, a sawtooth and steps, and short missions over rough ground. Each
 mission has another ground; half of them have an ArduSub.
@@ -24,7 +24,7 @@ from benchmarks.navigation.lone_vehicle import LoneVehicle
 from benchmarks.rows import Row, row
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
-#: Altitude asked for, travel depth, length of a leg (m), and speed (m/s).
+#: Requested altitude, travel depth, length of a leg (m), and speed (m/s).
 ASKED_M, DEPTH_M, LEG_M, SPEED_MPS = 3.0, 10.0, 23.6, 1.0
 #: Seconds until a vehicle has dived.
 DIVED_S = 60.0
@@ -160,7 +160,7 @@ FLIGHTS: dict[str, Flight] = {"direct": direct, "ArduSub": with_autopilot}
 
 @dataclass(frozen=True)
 class Result:
-    """Of one flight.
+    """Result of one flight.
 
     Attributes:
         least_m: Smallest true altitude, after the dive.

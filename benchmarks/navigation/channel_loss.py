@@ -1,4 +1,4 @@
-"""The share of lone packets that the channel loses at a range, computed: what simulated packets are held against."""
+"""The computed share of lone packets that the channel loses at a range, as the reference for simulated packets."""
 
 import numpy as np
 from numpy.typing import ArrayLike

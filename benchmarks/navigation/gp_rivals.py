@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-#: Locations asked for in one call: the speed of both libraries hangs on it, so the best is looked for too.
+#: Locations requested in one call: the speed of both libraries depends on it, so the best is searched for, too.
 CHUNKS = (256, 2048)
 
 

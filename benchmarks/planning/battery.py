@@ -24,7 +24,7 @@ LEAST_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one mission.
+    """Outcome of one mission.
 
     Attributes:
         left: Charge at the recovery position.
@@ -52,8 +52,8 @@ class Dive:
         start_m: Position of the start, shape (2,).
         home_m: The recovery position, shape (2,).
         scatter: Factor on the cost of each leg, shape (planned,).
-        jumps: What the sensor adds to its reading on each leg, shape (planned,).
-        stated_m: Way that a full battery is stated to last.
+        jumps: Error of the sensor's reading on each leg, shape (planned,).
+        stated_m: Stated distance on a full battery.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -101,7 +101,7 @@ class Dive:
         return jumps
 
     def cost(self, heading_rad: float, leg: float, charge: float) -> float:
-        """What a leg costs on average, as a share of the full charge."""
+        """Average cost of a leg, as a share of the full charge."""
         off_rad = heading_rad - self._set_rad - self._turn_rad * leg
         fair, across = self._current * math.cos(off_rad), self._current * math.sin(off_rad)
         if self._keeps_ground_speed:  # the thrusters take the cube of the speed through the water
@@ -111,7 +111,7 @@ class Dive:
         return share * (1.0 + self._old * (1.0 - charge)) / self.full_legs
 
     def way_home(self, at_m: Array, leg: float, charge: float) -> float:
-        """What the way home costs on average."""
+        """Average cost of the way home."""
         way_m = self.home_m - at_m
         legs, heading_rad, left = float(np.hypot(*way_m)) / LEG_M, math.atan2(way_m[1], way_m[0]), charge
         for part in range(8):

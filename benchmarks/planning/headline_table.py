@@ -28,10 +28,10 @@ COLUMNS = (
     ("loss_expected", "expected loss", 3),
     ("isobath_found", "found", 2),
     ("isobath_found_error_m", "error of found (m)", 1),
-    ("position_error_m", "location error (m)", 1),
+    ("position_error_m", "position error (m)", 1),
     ("error_over_std", "(error/std)^2", 2),
 )
-#: What is compared in pairs: in percent, and as a difference.
+#: Columns compared in pairs: in percent, and as a difference.
 PAIRED = COLUMNS[:4]
 FOUND = "isobath_found"
 
@@ -40,7 +40,7 @@ Groups = Mapping[str, Mapping[int, Row]]
 
 
 def value(row: Row, name: str) -> float:
-    """A figure of a row; of one for each vehicle the root mean square. NaN: not known, or not to the software then."""
+    """A figure of a row; the root mean square of a figure per vehicle. NaN: unknown, also to the row's software."""
     found = row.get(name)
     return math.nan if found is None else float(np.sqrt(np.mean(np.square(found))))
 

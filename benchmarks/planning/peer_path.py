@@ -88,7 +88,7 @@ def covering(request: dict[str, Any]) -> Any:
 
 
 if __name__ == "__main__":
-    with contextlib.redirect_stdout(sys.stderr):  # the libraries' own words must not get into the answer
+    with contextlib.redirect_stdout(sys.stderr):  # the libraries' own output must not get into the answer
         asked = json.load(sys.stdin)
         found = covering(asked) if "variance_m2" in asked else planned(asked)
     print(json.dumps(found))

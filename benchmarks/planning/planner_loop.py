@@ -1,4 +1,4 @@
-"""A light mission loop for measuring planners: true ground, perfect tracking, packets that get lost; no navigation.
+"""A light mission loop for measuring planners: true ground, perfect tracking, lost packets; no navigation.
 
 The full engine is `auv_lse_sim.engine.fleet`; this one leaves out what does not concern the choice of paths
 (instruments, modem, currents), so that hundreds of missions can be compared.

@@ -1,4 +1,4 @@
-"""Calibration of what a mission's report promises: found line, missing line, expected loss (docs/evidence/gp.md).
+"""Calibration of a mission report's estimates: found line, missing line, expected loss (docs/evidence/gp.md).
 
     python -m benchmarks.planning.undiscovered --lakes 20 --real LAKE_FILE --out undiscovered.jsonl
 
@@ -45,7 +45,7 @@ Row = dict[str, Any]
 
 
 def figures(line: Row) -> Row:
-    """What a mission's map promises and what is true; ground of unknown depth is left out of both."""
+    """Estimates of a mission's map and their true values; ground of unknown depth is left out of both."""
     chosen = settings(line["vehicles"])
     area, level = OperatingArea(chosen.area), chosen.level_set.level_m
     depth_map = DepthMap(chosen.gp, chosen.level_set, area)

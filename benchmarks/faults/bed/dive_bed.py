@@ -41,7 +41,7 @@ LEG_AREA_M2 = 1400.0
 APART_M = 20.0
 _TDMA: dict[str, Any] = {"slot_s": 1.5, "guard_s": 0.05, "send_duration_s": 0.5, "max_range_m": 300.0}
 _TAG_BYTES, _SESSION = 8, "faults"
-#: Vehicles of the smallest mission: a vehicle alone would have nobody to send packets to.
+#: Vehicles of the smallest mission: a vehicle alone would have no mate to send packets to.
 _SMALLEST_TEAM = 2
 #: Nodes that have not started after this time (s) never will.
 _NEVER_S = 300.0
@@ -137,7 +137,7 @@ class Vehicle:
 def _await_death(pid: int) -> None:
     """Waits until a process that was killed can send nothing more."""
     until = time.monotonic() + _NEVER_S
-    with contextlib.suppress(OSError):  # there is no such process any more
+    with contextlib.suppress(OSError):  # the process has ended
         while Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX":
             if time.monotonic() > until:
                 raise RuntimeError(f"process {pid} does not end although it was killed")

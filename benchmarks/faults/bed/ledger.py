@@ -1,4 +1,4 @@
-"""What a vehicle may not do, whatever is killed: decide a leg twice, reuse a counter, lose a journal or a map.
+"""Finds what no kill may cause: a leg decided twice, a counter used again, a lost journal or map.
 
 Nothing here depends on the speed of the machine, on a clock, or on ROS.
 """
@@ -38,7 +38,7 @@ class Ledger:
         self.new_dive()
 
     def new_dive(self) -> None:
-        """A dive begins: steps count from 0 again."""
+        """Begins a dive: steps count from 0 again."""
         self.last_step = self._last_record = -1
         self._ends_m: dict[int, tuple[float, float]] = {}
         self._recorded: set[int] = set()
@@ -83,7 +83,7 @@ class Ledger:
 
 
 def journal_problem(journal: bytes, log: str, kills: int) -> str:
-    """What a restarted node has not read back of its journal; "" if it has read everything.
+    """The part of its journal that a restarted node has not read back; "" if it has read everything.
 
     Args:
         journal: The file just before it was killed.

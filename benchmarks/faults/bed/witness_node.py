@@ -38,7 +38,7 @@ DEPTH_M, GROUND_M = 3.0, 15.0
 #: A moving vehicle measures the depth at least this often (m).
 SOUNDING_M = 1.5
 _PERIOD_S = 0.1
-#: What becomes of a sounding, in the diagnostics of gp_node.
+#: Outcomes of a sounding, in the diagnostics of gp_node.
 _OUTCOMES = ("kept", "too_close", "merged", "outliers", "full", "refused")
 #: The last message of a writer that starts before it is discovered, and then every message.
 _LATCHED_EVERY = QoSProfile(
@@ -47,7 +47,7 @@ _LATCHED_EVERY = QoSProfile(
 
 
 class Witness:
-    """A context that is a vehicle's water. Call `spin` all the time.
+    """The water around a vehicle, as a context. Call `spin` continuously.
 
     Attributes:
         ledger: What its nodes have published.
@@ -55,7 +55,7 @@ class Witness:
         send: Called with each packet that the vehicle sends.
         state: The last state of the mission; None after a start or kill until the next one.
         depth_m: The vehicle's depth.
-        problems: What nodes have reported about their files since `forget`.
+        problems: Problems with their files that nodes have reported since `forget`.
         since_s: When nodes died last (s since 1970), see `note_death`.
         published_s: First message on each topic that was sent since then (s); "map size": diagnostics with that.
         heard_s: When the vehicle published a mate's plan last, by mate (s).
@@ -102,7 +102,7 @@ class Witness:
             (DiagnosticArray, "diagnostics", self._on_diagnostics, EVERY),
             (KernelCenters, "kernel_centers", self._on_centers, LATCHED),
         ):
-            raw = kind is KernelCenters  # large, and seldom looked at
+            raw = kind is KernelCenters  # large, and rarely needed
             self._node.create_subscription(kind, f"{own}/{topic}", partial(self._take, topic, take), quality, raw=raw)
         return self
 
@@ -115,19 +115,19 @@ class Witness:
         rclpy.shutdown(context=self._context)
 
     def new_dive(self) -> None:
-        """A dive begins: nothing of the last one counts."""
+        """Begins a dive: nothing of the last one counts."""
         self.ledger.new_dive()
         self._aborted, self._waypoint, self.depth_m, self._centers = False, None, 0.0, b""
         self.forget()
 
     def forget(self) -> None:
-        """Nodes are about to be killed: waits for their next messages."""
+        """Forgets state and problems, because nodes are about to be killed."""
         self.state = None
         self.problems.clear()
         self._known = self._nodes()
 
     def note_death(self) -> None:
-        """The nodes are dead: whatever is sent from now on is from others."""
+        """Notes that the nodes are dead: messages sent from now on come from restarted ones."""
         self.since_s = time.time()
         self.published_s.clear()
 
@@ -138,7 +138,7 @@ class Witness:
         self._command.publish(MissionCommand(header=self._header(), command=command, source="witness"))
 
     def receive(self, source: int, payload: bytes) -> None:
-        """A mate's packet arrives at the vehicle's modem, which does not measure its travel time."""
+        """Delivers a mate's packet to the vehicle's modem, which does not measure its travel time."""
         unknown = math.nan
         message = ModemRx(source=source, payload=payload, sent_s=unknown, arrival_s=unknown, travel_s=unknown)
         message.header = self._header()
@@ -149,7 +149,7 @@ class Witness:
         self._executor.spin_once(timeout_sec=seconds)
         self._move()
 
-    def has_back(self, nodes: Collection[str]) -> bool:
+    def has_restarted(self, nodes: Collection[str]) -> bool:
         """Whether nodes with these names have started since `forget`."""
         return set(nodes) <= {name for name, _ in self._nodes() - self._known}
 

@@ -41,7 +41,7 @@ NEAR_M = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameters:
-    """What the paper leaves open.
+    """Parameters that the paper leaves open.
 
     Attributes:
         discount: Of old rollouts (gamma).
@@ -63,7 +63,7 @@ WIDE = Parameters(discount=0.95, exploration=1.0, step=0.1, temperature=10.0, co
 
 
 class MarginalRisk:
-    """What measurements add to the expected drop of the number of misclassified cells, the mates' plans given."""
+    """Gain of measurements in the expected drop of the number of misclassified cells, given the mates' plans."""
 
     def __init__(self, view: View, reach_m: float) -> None:
         """Counts the cells that are at most `reach_m` from the vehicle."""
@@ -140,7 +140,7 @@ class DecMcts:
     replan_legs: int | None = 1
 
     def __init__(self, parameters: Parameters = PARAMETERS) -> None:
-        """Sets what the paper leaves open."""
+        """Sets the parameters that the paper leaves open."""
         self._parameters = parameters
 
     def path(self, view: View) -> Array:

@@ -59,7 +59,7 @@ def mission(
         ValueError: if the level does not occur in the area: any share of no isobath counts as all of it.
     """
     overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed}
-    if whole:  # as all others: otherwise the maps of the paper's methods would know no uncertainty of positions
+    if whole:  # else the maps of the paper's methods would ignore the uncertainty of positions
         overrides |= {"positions.correct": True, "packet.navigation": True}
     else:
         overrides["vehicle.surfacings"] = 0

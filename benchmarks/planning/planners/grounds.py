@@ -104,9 +104,9 @@ def _listed(manifest: Path) -> list[Mapping[str, Any]]:
     except OSError as error:
         raise ValueError(f"{manifest}: cannot be read: {error.strerror or error}.") from error
     except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ValueError(f"{manifest} is no manifest of grounds ({' '.join(str(error).split())}).") from error
+        raise ValueError(f"{manifest} is not a manifest of grounds ({' '.join(str(error).split())}).") from error
     if not isinstance(body, Mapping) or "grounds" not in body:
-        raise ValueError(f"{manifest} is no manifest of grounds: it lacks the list grounds, as {MANIFEST.name} has it.")
+        raise ValueError(f"{manifest} is not a manifest of grounds: it lacks the list grounds, as in {MANIFEST.name}.")
     listed = body["grounds"]
     if not isinstance(listed, list) or not all(isinstance(entry, Mapping) for entry in listed):
         raise ValueError(f"{manifest}: grounds must be a list of mappings, not {repr(listed)[:60]}.")

@@ -1,4 +1,4 @@
-"""What a planner gets and gives: implement `Planner` in one file, and the benchmark flies it.
+"""The interface of a planner: implement `Planner` in one file, and the benchmark flies it.
 
 A file with a function `planner()`, or an entry point of the group `auv_lse.planners` that names one, adds a planner:
 
@@ -46,7 +46,7 @@ GROUP = "auv_lse.planners"
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """What a planner may know.
+    """The knowledge of a planner.
 
     Attributes:
         locations_m: Soundings: north, east (n, 2), those of mates that were received among them.
@@ -104,7 +104,7 @@ class Steered(PathMethod):
     def __init__(self, planner: Planner, context: PlanningContext) -> None:
         super().__init__(context)
         self._planner, self._steering, self._ground = planner, Steering(context.space), Ground(context.space)
-        self._line_m = np.empty((0, 2))  # what is left of its path
+        self._line_m = np.empty((0, 2))  # the rest of its path
         self._asked_at = -1
         self._nearest = (np.inf, 0)  # least distance (m) to its first location, and the step
 
@@ -193,7 +193,7 @@ def waypoints_of(answer: Any, step: int) -> Array:
     """What a planner's `path` returned at a step, as waypoints (n, 2); one (2,) is a row.
 
     Raises:
-        ValueError: if these are no waypoints: another shape, none at all, or values that are not finite.
+        ValueError: if these are not waypoints: another shape, none at all, or values that are not finite.
     """
     try:
         waypoints_m = np.atleast_2d(np.asarray(answer, dtype=float))

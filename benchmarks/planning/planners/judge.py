@@ -1,4 +1,4 @@
-"""One judge for all planners: what the map of all soundings shows of the true isobath, while a mission goes on."""
+"""One judge for all planners: the share of the true isobath on the map of all soundings, in the course of a mission."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ SHARES = (0.5, 0.8, 0.95)
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """What a mission found.
+    """The results of a mission.
 
     Attributes:
         found: Share of the true isobath found after equal parts of the mission: twelfths in the light loop,

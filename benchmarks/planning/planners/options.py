@@ -7,7 +7,7 @@ from typing import Any
 from auv_lse_common.support.option_types import whole_from
 
 #: Methods of ours by name: parameters of the mission file. In the whole simulation all have corrected positions but
-#: `plain_uncorrected`, which is dead-reckoned as in the paper, with a map that knows no uncertainty of positions.
+#: `plain_uncorrected`, which is dead-reckoned as in the paper, with a map that ignores the uncertainty of positions.
 OURS: dict[str, dict[str, Any]] = {
     "goal_line": {"mission.goal": "line"},
     "line": {"planner.method": "line"},

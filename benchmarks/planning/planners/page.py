@@ -34,7 +34,7 @@ PAIRED = (("end", "found at the end"), ("third", "at 1/3"), ("two_thirds", "at 2
 #: Columns of the paired ratios.
 RATIOS = (("to_80", "distance to 80 %"), ("risk", "end risk"), ("true_loss", "true loss"))
 
-#: What each simulation has.
+#: Description of each simulation.
 SIMULATIONS = {
     "light": "Perfect navigation, 7 % of packets lost, one judge and one prior.",
     "whole": "The whole simulation: drift, corrected positions, surfacings and the acoustic channel. The judge has the "

@@ -1,7 +1,7 @@
 """Public planners for level sets, one class each; parameters as their authors recommend.
 
 Where they recommend two, or none and others chose, each choice has a name (`level_set_ucb_3`, `dec_mcts_wide`).
-All choose locations; our steering flies to them, and soundings on the way count. None knows travel costs except
+All choose locations; our steering flies to them, and soundings on the way count. None models travel costs except
 `TruncatedVarianceReduction`, whose authors divide by a cost. Planners of paths are in `dec_mcts.py` and
 `sgptools_rivals.py`.
 """

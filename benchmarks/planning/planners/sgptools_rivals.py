@@ -48,7 +48,7 @@ class ContinuousSgp:
         return self._path_m
 
     def request(self, view: View) -> dict[str, Any]:
-        """What the peer has to plan; the same for all vehicles, so that it is planned once."""
+        """The peer's task; the same for all vehicles, so that it is planned once."""
         return {
             "seed": 1,
             "vehicles": len(view.mates_m) + 1,
