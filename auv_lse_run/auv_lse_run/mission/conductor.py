@@ -123,8 +123,7 @@ def write_times(
 
     Args:
         marks: Times (s) at which it "began", was "running" (left out if it never was) and "ended".
-        processor_s: Processor time (s) of each process.
-        started_s: The part of `processor_s` before the first tick.
+        processor_s, started_s: Processor time (s) of each process in all, and before the first tick.
     """
     phases = {"ending": time.monotonic() - marks["ended"]}
     if "running" in marks:
