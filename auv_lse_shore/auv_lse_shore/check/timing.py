@@ -71,17 +71,25 @@ def _check_order(settings: Settings, findings: Findings) -> bool:
     tdma, vehicles = settings.tdma, settings.mission.vehicles
     if not findings.usable("tdma.order", "mission.vehicles"):
         return False
-    order = tdma.order or tuple(range(1, vehicles + 1))
     try:
         for number in range(1, vehicles + 1):
             Tdma(tdma, number, vehicles)
     except ValueError as error:
         findings.error(f"{settings.where}: {error}")
         return False
-    for number in range(1, vehicles + 1):
-        if number not in order:
-            findings.warning(f"tdma.order: {list(order)} has no slot for auv{number}, which therefore never sends")
+    for text in silent_vehicles(settings):
+        findings.warning(text)
     return True
+
+
+def silent_vehicles(settings: Settings) -> list[str]:
+    """A sentence for each vehicle without a slot."""
+    order = settings.tdma.order
+    return [
+        f"tdma.order: {list(order)} has no slot for auv{number}, which therefore never sends"
+        for number in range(1, settings.mission.vehicles + 1)
+        if order and number not in order
+    ]
 
 
 def _check_slots(settings: Settings, longest_s: float | None, findings: Findings) -> float:

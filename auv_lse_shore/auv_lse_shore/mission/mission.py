@@ -42,6 +42,7 @@ from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.processes import LaunchError, Process
 from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore.areas.area_file import AreaFiles
+from auv_lse_shore.check.timing import silent_vehicles
 from auv_lse_shore.live.process import LiveProcess
 from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
@@ -77,6 +78,7 @@ def _run(options: argparse.Namespace) -> int:
         return 0
     root = project_folder()
     try:
+        _check_use(options)
         settings, notes = prepare(options)
         if options.for_vehicles is not None:
             write_vehicle_file(settings, options.for_vehicles, overrides_of(options))
@@ -129,7 +131,8 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
             if not Path(file).is_file():
                 raise ParameterError(f"gp.survey_file: {file!r} does not exist on this machine")
     apart = "" if fitted.packet.tag else speeds_apart([own.vehicle.speed_mps for own in fitted.vehicles])
-    return fitted, [*areas.notes(fitted.mission.vehicles), *notes, *([apart] if apart else [])]
+    silent = silent_vehicles(fitted)
+    return fitted, [*areas.notes(fitted.mission.vehicles), *notes, *([apart] if apart else []), *silent]
 
 
 def _loaded(mission: Path, given: Mapping[str, Any], areas: AreaFiles) -> Settings:
@@ -142,6 +145,21 @@ def _loaded(mission: Path, given: Mapping[str, Any], areas: AreaFiles) -> Settin
         except ParameterError:
             raise error from None
         raise ParameterError(str(error).replace(f"{mission}", "the command line", 1)) from error
+
+
+def _check_use(options: argparse.Namespace) -> None:
+    """Refuses options that would be ignored."""
+    unused = {
+        "--out": options.out is not None,
+        "--live": options.live,
+        "--no-report": options.no_report,
+        "--real-time-factor": options.real_time_factor is not None,
+    }
+    if options.for_vehicles is not None and any(unused.values()):
+        names = ", ".join(name for name, given in unused.items() if given)
+        raise ParameterError(f"--for-vehicles writes a mission file and flies nothing; leave out {names}")
+    if options.for_vehicles is None and "record.folder" in overrides_of(options):
+        raise ParameterError("record.folder: a simulated mission records in its run folder; choose that with --out")
 
 
 def _check_drivers(settings: Settings, options: argparse.Namespace) -> None:

@@ -61,6 +61,26 @@ def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) 
         assert (modem.ping, modem.synchronous) == (pings, synchronous), words
 
 
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--for-vehicles", "x.yaml", *PORT, "--out", "run", "--live"], "flies nothing; leave out --out, --live"),
+        (["--for-vehicles", "x.yaml", *PORT, "--real-time-factor", "2"], "leave out --real-time-factor"),
+        (["--set", "record.folder=bag"], "records in its run folder; choose that with --out"),
+    ],
+)
+def test_what_would_be_ignored_is_refused(tmp_path, monkeypatch, capsys, words, error):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    assert error in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_vehicle_without_a_slot_is_named_before_the_start() -> None:
+    _, notes = mission.prepare(parser().parse_args(["--set", "tdma.order=[1, 3]"]))
+    assert "tdma.order: [1, 3] has no slot for auv2, which therefore never sends" in notes
+
+
 def test_on_a_clock_an_emulated_modem_has_the_slots_of_a_real_one(tmp_path: Path) -> None:
     def duration_s(*words: str) -> float:
         options = parser().parse_args([*words, "--modem", "emulated"])
