@@ -103,9 +103,10 @@ def opening_lines(
 
 
 def ended_early(s: Summary, planned_steps: int) -> list[str]:
-    """One sentence if a mission ended before its last step, else none."""
+    """One sentence if a mission ended before its last step, or was asked to; else none."""
     if s.steps >= planned_steps:
-        return []
+        late = f"All {planned_steps} steps were travelled: the quality asked for was not reached in time to end earlier"
+        return [f"{late} ({s.quality_asked})."] if s.quality_asked else []
     if not s.steps:
         return ["No legs are recorded: this is a survey, or the mission did not begin."]
     if s.quality_reached:

@@ -450,3 +450,11 @@ def test_areas_of_a_pool_are_in_square_metres(other, area_m2, deep_m2, shallow_m
         assert words in text_of(other)
     finally:
         other.summary = kept
+
+
+def test_a_quality_that_ended_nothing_is_reported(synthetic_run):
+    late = judged(synthetic_run, steps=30, quality_asked="90 % found").summary
+    assert ended_early(late, 30) == [
+        "All 30 steps were travelled: the quality asked for was not reached in time to end earlier (90 % found)."
+    ]
+    assert ended_early(judged(synthetic_run, steps=30).summary, 30) == []
