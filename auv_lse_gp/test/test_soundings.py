@@ -345,7 +345,7 @@ def test_notations_that_import_reads_are_read_everywhere(tmp_path, header, row):
         (["lat,lon,depth_m", "46,5,6,6,12,5"], r"s\.csv:2: 6 fields .* but the header has 3"),
         (["north_m,east_m,depth_m", "1,2", "1,2,3", "1,2,3"], r"s\.csv:2: 2 fields '1,2', but the header has 3"),
         (["north_m,east_m,depth_m", '1,2,"3', "1,2,3"], r"s\.csv:2: a quoted cell continues in the next line"),
-        (["north_m,east_m,depth_m", "1,2,3", '1,2,"3', "1,2,3", '1,2,"'], r"s\.csv:3: a quoted cell goes on in"),
+        (["north_m,east_m,depth_m", "1,2,3", '1,2,"3', "1,2,3", '1,2,"'], r"s\.csv:3: a quoted cell continues in"),
         (["north_m,east_m,depth_m", "1,2,3", "north_m,east_m,depth_m", "1,2,3"], r"s\.csv:3: north_m is 'north_m'"),
         (["north_m\teast_m\tdepth_m", "1\t2\t3", "1\t2\t"], r"s\.csv:3: depth_m is ''"),
         (["x,y,depth_m", "1,2,3"], r"s\.csv:1: the columns x, y, depth_m are not enough"),

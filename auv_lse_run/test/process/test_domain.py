@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import getpass
+import os
 import socket
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from typing import IO, Any
 
 import pytest
 
-from auv_lse_common.support.confinement import is_confined
+from auv_lse_common.support.confinement import NETWORK_VARIABLES, is_confined
 from auv_lse_run.inspect import domain_choice
 from auv_lse_run.inspect.domain_choice import join
 from auv_lse_run.process import domain
@@ -76,7 +77,9 @@ def test_a_vehicle_that_a_simulation_runs_itself_is_refused_a_second_time(tmp_pa
 @pytest.mark.parametrize("call", ["simulator_domain(None).__enter__()", "confine_to(90)"])
 def test_a_network_of_this_computer_that_is_down_is_named_at_once(call: str) -> None:
     code = f"from auv_lse_run.process.domain import confine_to, simulator_domain; {call}"
-    done = subprocess.run(["unshare", "--net", sys.executable, "-c", code], capture_output=True, text=True)
+    free = {name: value for name, value in os.environ.items() if name not in NETWORK_VARIABLES}
+    command = ["unshare", "--net", sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, env=free)
     if "unshare failed" in done.stderr or "Operation not permitted" in done.stderr:
         pytest.skip("this process may make no network of its own")
     assert "interface lo) is down" in done.stderr
