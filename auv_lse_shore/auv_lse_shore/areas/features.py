@@ -1,5 +1,6 @@
 """The features of an area file: polygons, lines and points with the text that states their purpose."""
 
+import json
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
@@ -98,7 +99,7 @@ def with_geometry(named: Feature, geometry: Mapping[str, Any] | None, where: str
     except ParameterError:
         raise
     except (LookupError, TypeError, ValueError) as error:
-        shown = str(geometry)
+        shown = json.dumps(geometry, default=str)
         shown = shown if len(shown) <= _MOST else f"{shown[:_MOST]} ..."
         raise ParameterError(
             f"{where}: {named.name!r} has the geometry {shown}, which is not GeoJSON. Export the file again"

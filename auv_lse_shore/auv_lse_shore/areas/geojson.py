@@ -47,7 +47,9 @@ def geojson_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
         raise ParameterError(f"{where} is a FeatureCollection without a list of features. Export it again")
     for number, feature in enumerate(features, 1):
         if not isinstance(feature, Mapping):
-            raise ParameterError(f"{where}: feature {number} is {str(feature)[:80]}, no object. Export the file again")
+            raise ParameterError(
+                f"{where}: feature {number} is {json.dumps(feature)[:80]}, not an object. Export the file again"
+            )
         is_feature = feature.get("type") == "Feature"
         properties = dict((is_feature and feature.get("properties")) or {})
         if is_feature and "id" in feature and not any(str(key).lower() in ("id", "name") for key in properties):

@@ -680,8 +680,9 @@ def test_an_error_lists_the_first_of_many_polygons(tmp_path):
     [
         ('{"type": "FeatureCollection"}', r"a\.geojson is a FeatureCollection without a list of features"),
         ('{"type": "FeatureCollection", "features": {}}', "without a list of features"),
-        ('{"type": "FeatureCollection", "features": [7]}', "feature 1 is 7"),
-        ('{"type": "Polygon"}', r"'feature 1' has the geometry {'type': 'Polygon'}, which is not GeoJSON\. Export"),
+        ('{"type": "FeatureCollection", "features": [7]}', "feature 1 is 7, not an object"),
+        ('{"type": "FeatureCollection", "features": [null]}', "feature 1 is null"),
+        ('{"type": "Polygon"}', r"'feature 1' has the geometry {\"type\": \"Polygon\"}, which is not GeoJSON\. Export"),
         (
             '{"type": "Polygon", "coordinates": [[1, 2], [3, 4]]}',
             r"'feature 1' has the geometry .*\[\[1, 2\], \[3, 4\]\]",
