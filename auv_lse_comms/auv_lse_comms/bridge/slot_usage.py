@@ -1,4 +1,4 @@
-"""Records the own slots that a vehicle has used or missed, and estimates how many packets of others are lost."""
+"""Records the slots that a vehicle has used or missed, and estimates how many packets of others are lost."""
 
 from collections import Counter
 
