@@ -14,7 +14,15 @@ from typing import Any, Generic, TypeVar
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
-from auv_lse_common.topics.records import BoundReport, CentersReport, FieldReport, Odometry, PlanReport, Reception
+from auv_lse_common.topics.records import (
+    BoundReport,
+    CentersReport,
+    FieldReport,
+    Odometry,
+    PlanReport,
+    Reception,
+    RunReport,
+)
 from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.map_quality import Quality
@@ -34,6 +42,7 @@ _TOPICS = {
     "fix",
     "kernel_centers",
     "map/quality",
+    "mission/state",
     "field",
     "plan",
     "waypoint",
@@ -80,6 +89,7 @@ class VehicleInputs:
         navigation: Dead-reckoned positions, fixes, and what mates reported of theirs.
         samples: The team's samples, packet by packet.
         centers: Kernel centers; the time is that of their publication.
+        states: The mission's states: while it does not run, legs are not timed.
         tuned: Parameters changed while the planner ran.
     """
 
@@ -93,6 +103,7 @@ class VehicleInputs:
     packets: list[tuple[float, Reception]] = field(default_factory=list)
     centers: list[tuple[float, CentersReport]] = field(default_factory=list)
     qualities: list[tuple[float, Quality]] = field(default_factory=list)
+    states: list[tuple[float, RunReport]] = field(default_factory=list)
     tuned: list[tuple[float, dict[str, Any]]] = field(default_factory=list)
     maps: list[FieldReport] = field(default_factory=list)
     decisions: list[RecordedDecision] = field(default_factory=list)
@@ -192,6 +203,7 @@ class _Gathered:
             "odometry": found.odometry,
             "corrected": found.corrected,
             "map/quality": found.qualities,
+            "mission/state": found.states,
             "dead_reckoning": found.navigation,
             "fix": found.navigation,
             "team/navigation": found.navigation,
@@ -239,7 +251,7 @@ class _Gathered:
         entries: list[Any]
         for entries in (
             found.navigation, found.odometry, found.corrected, found.soundings, found.samples, found.plans,
-            found.packets, found.centers, found.qualities,
+            found.packets, found.centers, found.qualities, found.states,
         ):  # fmt: skip
             entries.sort(key=lambda entry: entry[0])
         for now_s in sorted(self._plans):

@@ -106,7 +106,7 @@ class _Recomputer:
         self._plans = Pending(inputs.plans or _plans_heard(inputs, settings))
         self._odometry, self._corrected = Pending(inputs.odometry), Pending(inputs.corrected)
         self._centers, self._tuned = Pending(inputs.centers if self._map is None else []), Pending(inputs.tuned)
-        self._qualities = Pending(inputs.qualities)
+        self._qualities, self._states = Pending(inputs.qualities), Pending(inputs.states)
         self._revision = -1
 
     def run(self, show: Callable[[float], None]) -> list[DecisionStep]:
@@ -149,6 +149,7 @@ class _Recomputer:
             lambda received_s, o: is_stamped(received_s, o) or not (self._lockstep or self._odometry.taken)
         ):
             entry = (odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
+            self._take_states(odometry.stamp_s)
             if not self._lockstep:  # each odometry advances the vehicle, as in the node
                 self._planner.odometry(*entry)
             self._intake.set_odometry(*entry)
@@ -159,6 +160,11 @@ class _Recomputer:
         ):
             centers = Centers(found.locations_m, found.depths_m, found.noise_std_m, found.position_effect_m)
             self._intake.set_centers(centers, found.revision)
+
+    def _take_states(self, now_s: float) -> None:
+        """Pauses and resumes the mission as its states up to `now_s` (s) did."""
+        for report in self._states.take(lambda received_s, _: received_s <= now_s + 1e-9):
+            self._planner.set_blocked(report.stamp_s, report.status.blocked_reason)
 
     def _take_map(self, own: RecomputedMap, now_s: float, revision: int | None) -> None:
         own.advance(now_s, revision)

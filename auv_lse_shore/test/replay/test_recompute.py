@@ -13,7 +13,8 @@ from sim_helpers import TINY, other_bag
 from verb_main import verb_main
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.topics.records import CentersReport
+from auv_lse_common.topics.records import CentersReport, RunReport
+from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
 from auv_lse_record.run_writer import write_run
@@ -121,6 +122,44 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
     assert not any(row.differs for row in recompute_decisions(vehicle, settings, False, 1e-9, lambda share: None))
     vehicle.decisions = [dataclasses.replace(d, taken=None) for d in vehicle.decisions]
     assert any(row.differs for row in recompute_decisions(vehicle, settings, False, 1e-9, lambda share: None))
+
+
+def test_a_hold_is_not_time_under_way(flown: Path) -> None:
+    """A vehicle that held for minutes within a leg did not travel that leg for minutes."""
+    inputs = read_inputs(flown)
+    settings = Settings.from_patterns(inputs.parameters, "flown", {"planner.plan_expiry_s": 1000.0})
+    vehicle = inputs.vehicles[1]
+    held_s = 0.5 * (vehicle.decisions[2].now_s + vehicle.decisions[3].now_s)
+    go_s = held_s + 300.0
+
+    def later(stamp_s: float) -> float:
+        return stamp_s + go_s - held_s if stamp_s > held_s else stamp_s
+
+    for field in dataclasses.fields(vehicle):
+        entries = getattr(vehicle, field.name)
+        if not isinstance(entries, list) or field.name in ("decisions", "maps"):
+            continue
+        delayed = [(later(at_s), _delayed(entry, later)) for at_s, entry in entries]
+        setattr(vehicle, field.name, delayed)
+    vehicle.decisions = [dataclasses.replace(d, now_s=later(d.now_s)) for d in vehicle.decisions]
+    without = recompute_decisions(vehicle, settings, True, 1e-9, lambda share: None)
+    assert without[3].differs, "the leg timed out"
+    states = [(held_s, RunState.HOLDING, "HOLD by an operator"), (go_s, RunState.RUNNING, "GO by an operator")]
+    vehicle.states = [
+        (at_s, RunReport(stamp_s=at_s, revision=number, status=RunStatus(state=state, stop=None, reason=reason)))
+        for number, (at_s, state, reason) in enumerate(states, 2)
+    ]
+    rows = recompute_decisions(vehicle, settings, True, 1e-9, lambda share: None)
+    assert not any(row.differs for row in rows[:4]), "the hold's drift changes the map only later"
+
+
+def _delayed(entry, later):
+    """A recorded input with its stamp by the clock `later`."""
+    stamp_s = getattr(entry, "stamp_s", None)
+    if not isinstance(stamp_s, float):
+        return entry
+    replace = dataclasses.replace if dataclasses.is_dataclass(entry) else type(entry)._replace
+    return replace(entry, stamp_s=later(stamp_s))
 
 
 def test_maps_that_cannot_be_compared_are_reported(flown: Path, tmp_path, capsys) -> None:
