@@ -23,9 +23,23 @@ _OTHERS = (
     (rb"\xd0\xcf\x11\xe0", 0, "an Excel workbook"),
     (rb"\.FIT", 8, "a Garmin activity (FIT)"),
     (rb"FTP (NEW|OLD)\b", 0, "a raw file of Hypack"),
+    (rb"\x7b[\x00-\x08]", 0, "a sonar recording (XTF)"),
+    (rb"\x00\x00\x02[1-9A-Za-z]", 2, "a multibeam recording of Kongsberg (.all)"),
+    (rb"#[A-Z]{3}", 4, "a multibeam recording of Kongsberg (.kmall)"),
+    (rb"[\s\S]{0,4}GSF-v", 8, "a multibeam recording (GSF)"),
+    (rb"\xff\xff\x00\x00", 4, "a multibeam recording of Teledyne (.s7k)"),
+    (rb"\x7f\x7f", 0, "a recording of a Doppler log or current profiler (PD0)"),
+    (rb"BR..\x0a\x00", 0, "a sonar recording of SonarView (.svlog)"),
+    (rb"\xc3\x40{1,2}\xf1", 0, "a recording of a sub-bottom profiler (SEG-Y)"),
+    (rb"LASF", 0, "a point cloud (LAS)"),
     (rb"\s*<(\?xml|!DOCTYPE|html|kml)", 0, "XML or a web page"),
     (rb"\s*(\{\s*[\"}]|\[\s*[\[{])", 0, "JSON in another form than crowdsourced bathymetry"),
 )
+
+#: How archives begin.
+_ARCHIVE = re.compile(rb"PK\x03\x04|7z\xbc\xaf|Rar!")
+#: How grids begin: (Geo)TIFF, netCDF, HDF5 (BAG, S-102), ESRI ASCII.
+_GRID = re.compile(rb"II\*\0|MM\0\*|CDF[\x01\x02\x05]|\x89HDF\r\n|(?i:ncols)\s+\d")
 
 
 def files_of(names: Iterable[Path]) -> tuple[list[Path], bool]:
@@ -66,8 +80,13 @@ def read_logs(path: Path, options: ReadOptions, progress: Progress) -> list[LogC
     file = LogFile(path, progress)
     if not file.head.strip(b"\0 \r\n\t"):
         raise LogError(f"{path} is empty. Copy it again.")
-    if file.head.startswith(b"PK\x03\x04"):
-        raise LogError(f"{path} is a zip archive, or a spreadsheet. Unpack it, or save it as CSV.")
+    if _ARCHIVE.match(file.head):
+        raise LogError(f"{path} is an archive, or a spreadsheet. Unpack it, or save it as CSV.")
+    if _GRID.match(file.head):
+        raise LogError(
+            f"{path} is a grid or a picture, not a log. A grid of depths is the ground of a simulated mission: "
+            f"auv_lse mission --bathymetry {path}"
+        )
     for module in formats():
         if getattr(module, "ASKED_LAST", False):
             _refuse_others(path, file.head)

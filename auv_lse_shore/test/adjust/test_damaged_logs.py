@@ -162,11 +162,27 @@ def soundings_of(path, data):
     return log.soundings
 
 
+GRIDS = {
+    "a.tif": b"II*\0\x08\0",
+    "a.bag": b"\x89HDF\r\n\x1a\n",
+    "a.nc": b"CDF\x02\0\0",
+    "a.asc": b"ncols 3\nnrows 2\n",
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_a_grid_is_no_log(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(GRIDS[name])
+    with pytest.raises(LogError, match=rf"a grid or a picture, not a log\..* auv_lse mission --bathymetry \S*{name}$"):
+        gather([path], UserFacts())
+
+
 def test_an_archive_names_its_cure(tmp_path):
     path = tmp_path / "day.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.nmea", nmea(ROWS))
-    with pytest.raises(LogError, match=r"day\.zip is a zip archive, or a spreadsheet\. Unpack it, or save it as CSV\."):
+    with pytest.raises(LogError, match=r"day\.zip is an archive, or a spreadsheet\. Unpack it, or save it as CSV\."):
         gather([path], UserFacts())
 
 
@@ -177,6 +193,16 @@ OTHERS = {
     "a.bag": (b"#ROSBAG V2.0\n", "a ROS 1 recording"),
     "a.shp": (b"\0\0\x27\x0a" + 20 * b"\0", "a shapefile"),
     "a.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook"),
+    "a.xtf": (b"\x7b\x01Hypack\0\0", "a sonar recording"),
+    "a.all": (b"\xc8\0\0\0\x02\x49\xfe\x0b", r"a multibeam recording of Kongsberg \(\.all\)"),
+    "a.kmall": (b"\xf4\x01\0\0#IIP\0", r"a multibeam recording of Kongsberg \(\.kmall\)"),
+    "a.gsf": (b"\0\0\0\x0c\0\0\0\x01GSF-v03.09\0\0", r"a multibeam recording \(GSF\)"),
+    "checked.gsf": (b"\0\0\0\x0c\x80\0\0\x01\x12\x34\x56\x78GSF-v03.09", r"a multibeam recording \(GSF\)"),
+    "a.s7k": (b"\x05\0\x3c\0\xff\xff\0\0", "a multibeam recording of Teledyne"),
+    "a.pd0": (b"\x7f\x7f\x0e\x03", r"a recording of a Doppler log or current profiler \(PD0\)"),
+    "a.svlog": (b"BR\x10\x01\x0a\0\0\0{", "a sonar recording of SonarView"),
+    "a.sgy": ("C 1 CLIENT".encode("cp037"), "a recording of a sub-bottom profiler"),
+    "a.las": (b"LASF\0\0", "a point cloud"),
     "a.fit": (b"\x0e\x10\xd9\x07\x00\x00\x00\x00.FIT", "a Garmin activity"),
     "a.kml": (b'<?xml version="1.0"?><kml>', "XML"),
     "page.csv": (b"<!DOCTYPE html><html><body>1, 2, 3", "XML"),
