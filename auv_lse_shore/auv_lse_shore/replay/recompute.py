@@ -49,7 +49,8 @@ def recompute(options: Namespace) -> int:
             raise RecordingError(f"{options.run}: --recompute {part}: the recording holds no {wanted}")
         differing = [row for row in rows if row.differs]
         what = "maps" if part == "gp" else "decisions"
-        print(f"{part}: {len(rows)} {what} compared, {len(differing)} differ")
+        values = bool(differing) and all(isinstance(row, DecisionStep) and row.only_value_differs for row in differing)
+        print(f"{part}: {len(rows)} {what} compared, {len(differing)} differ{', only in value' if values else ''}")
         chosen = rows if options.all else differing
         for line in table(rows[0].TITLES, [row.cells for row in (chosen if options.all else chosen[:SHOWN])]):
             print(line)

@@ -55,6 +55,11 @@ class DecisionStep:
               "difference", "note")  # fmt: skip
 
     @property
+    def only_value_differs(self) -> bool:
+        """Whether all but the value is as recorded."""
+        return self.plans[0] == self.plans[1] and math.isclose(*self.turns_deg) and not self.note
+
+    @property
     def cells(self) -> tuple[str, ...]:
         """One row of the table."""
         turns, values = (f"{v:+z.0f}" for v in self.turns_deg), (f"{v:.6g}" for v in self.values)
@@ -191,6 +196,8 @@ class _Recomputer:
         leg = recorded.leg or self._leg(recorded, decision.leg.surface)
         same_leg = math.isclose(decision.leg.action_rad, leg.action_rad) and decision.leg.surface == leg.surface
         same_plan = decision.plan == recorded.plan and same_leg
+        if decision.leg.surface != leg.surface:
+            note = "surfaces now" if decision.leg.surface else "does not surface now"
         if decision.leg.step != recorded.step:
             note = f"step {decision.leg.step} now"
         if recorded.deadline_hit:

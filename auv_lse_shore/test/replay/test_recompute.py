@@ -71,6 +71,19 @@ def test_a_changed_parameter_is_found_and_its_differences_are_named(flown: Path,
     assert any(row["differs"] == "True" for row in rows)
 
 
+def test_a_difference_of_the_value_alone_is_named(flown: Path, monkeypatch, capsys) -> None:
+    inputs = read_inputs(flown)
+    decisions = inputs.vehicles[1].decisions
+    decisions[2] = dataclasses.replace(decisions[2], jbar=decisions[2].jbar + 1.0)
+    monkeypatch.setattr("auv_lse_shore.replay.recompute.read_inputs", lambda *_: inputs)
+    assert main([str(flown), "--recompute", "planner"]) == 1
+    assert "decisions compared, 1 differ, only in value\n" in capsys.readouterr().out
+    other = dataclasses.replace(decisions[2].plan, actions=(4,), tour=None, naive_path=0xF0)
+    decisions[2] = dataclasses.replace(decisions[2], plan=other)
+    assert main([str(flown), "--recompute", "planner"]) == 1
+    assert "only in value" not in capsys.readouterr().out
+
+
 def test_after_a_difference_the_planner_goes_on_from_what_was_flown(flown: Path) -> None:
     """One recorded plan is replaced: its step alone differs where nothing is drawn by chance."""
     inputs = read_inputs(flown)
