@@ -281,6 +281,38 @@ def test_a_planners_last_warning_ends_with_the_mission(browser, serving):
     browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
 
 
+def test_a_card_has_a_row_of_the_battery_where_its_charge_is_known(browser, serving):
+    end = browser.ask("liveView.store.lastS + 10")
+    rows = "[...document.querySelectorAll('.vehicle dt:not([hidden])')].filter((e) => e.textContent === 'battery')"
+    shown = f"{rows}.map((e) => [e.closest('.vehicle').textContent.slice(0, 4), e.nextSibling.hidden])"
+    assert browser.ask(shown) == []
+    values = {"legs left by battery": "31"}
+    event = {"kind": "health", "t": end, "vehicle": 2, "node": "safety_node", "level": "ok", "text": ""}
+    browser.ask(f"liveView.store.add({json.dumps({**event, 'values': values})})")
+    at(browser, end + 1)
+    assert browser.ask(shown) == [["auv2", False]]
+    browser.open(serving.url)
+    browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
+
+
+def test_a_vehicles_number_stays_within_the_map(browser, serving):
+    browser.ask(
+        "window.ends = []; const draw = CanvasRenderingContext2D.prototype.fillText;"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, x, ...more) {"
+        " if (text === '2' && this.canvas.id === 'map')"
+        "  ends.push(this.canvas.clientWidth - x - this.measureText(text).width);"
+        " return draw.call(this, text, x, ...more); };"
+    )
+    end = browser.ask("liveView.store.lastS + 10")
+    edge = browser.ask("liveView.map.projection().position(document.getElementById('map').clientWidth - 15, 100)")
+    pose = {"kind": "pose", "t": end, "vehicle": 2, **edge, "heading": 0}
+    browser.ask(f"liveView.store.add({json.dumps(pose)})")
+    at(browser, end + 1)
+    assert browser.ask("ends.at(-1)") > 10.0
+    browser.open(serving.url)
+    browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
+
+
 def test_while_events_arrive_it_draws_seldom(browser, serving):
     serving.timeline.set_state(reading=True)
     browser.wait("document.getElementById('state').textContent === 'loading'")

@@ -142,6 +142,11 @@ def test_links_lead_somewhere(page):
                 assert section in headings, f"{page.name}:{number}: {target}"
 
 
+def test_every_figure_is_on_a_page():
+    shown = {name for page in PAGES for name in re.findall(r"figures/([\w.]+)\)", page.read_text())}
+    assert {file.name for file in (ROOT / "docs" / "figures").iterdir()} == shown
+
+
 def test_nothing_outside_of_the_project_is_cited():
     banned = re.compile(r"\b(PAPER|DESIGN|STYLE)\.md\b|\.\./shared")
     found = [

@@ -103,8 +103,10 @@ export function cross(c, x, y, size) {
   strokeWithCasing(c, "#000000", 5.5, "#ffffff", 2.8);
 }
 
-export function label(c, text, x, y, size = 13) {
+// A text on the map from x on, moved to the left where it would pass `right`.
+export function label(c, text, x, y, size = 13, right = Infinity) {
   c.font = `bold ${size}px system-ui, sans-serif`;
+  x = Math.min(x, right - c.measureText(text).width);
   c.textAlign = "left";
   c.textBaseline = "middle";
   c.strokeStyle = "rgba(0, 0, 0, .85)";

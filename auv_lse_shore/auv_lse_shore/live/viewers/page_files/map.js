@@ -393,14 +393,15 @@ export class MapView {
     c.stroke();
     c.fill();
     c.restore();
-    if (!expected) return label(c, String(vehicle), x + 13, y - 11);
+    const right = c.canvas.clientWidth - MARGIN.right - 3;
+    if (!expected) return label(c, String(vehicle), x + 13, y - 11, 13, right);
     const [X, Y] = [p.x(expected[1]), p.y(expected[0])];
     c.beginPath();
     c.arc(X, Y, 9, 0, 7);
     c.setLineDash([4, 3]);
     strokeWithCasing(c, "#ffffff", 5, vehicleColor(vehicle), 2.6);
     c.setLineDash([]);
-    label(c, `${vehicle} expected`, X + 13, Y - 11);
+    label(c, `${vehicle} expected`, X + 13, Y - 11, 13, right);
   }
 
   // ------------------------------------------------------------------ axes and words
