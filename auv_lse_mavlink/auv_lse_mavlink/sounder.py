@@ -13,9 +13,10 @@ from collections import Counter, deque
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.vocabulary.frames import is_possible
 from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
 from auv_lse_common.vocabulary.pings import by_period, period_of, sounding_of
-from auv_lse_common.vocabulary.sounding import Sounding
+from auv_lse_common.vocabulary.sounding import DEEPEST_M, Sounding
 from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
 Array = NDArray[np.float64]
@@ -55,8 +56,8 @@ class Sounder:
         self._over = -math.inf
 
     def altitude(self, stamp_s: float, altitude_m: float) -> None:
-        """Adds a height over ground (m); a value that is not positive and finite means no echo."""
-        if not (math.isfinite(stamp_s / self._every_s) and math.isfinite(altitude_m) and altitude_m > 0.0):
+        """Adds a height over ground (m); a value that is not positive, or deeper than any sea, means no echo."""
+        if not (math.isfinite(stamp_s / self._every_s) and 0.0 < altitude_m <= DEEPEST_M):
             self.counts["pings_blind"] += 1
         elif self._period(stamp_s) <= self._over:
             self.counts["pings_late"] += 1
@@ -79,7 +80,8 @@ class Sounder:
         Returns:
             The soundings of the periods that are finished now.
         """
-        if not all(map(math.isfinite, (stamp_s / self._every_s, north_m, east_m, depth_m))):
+        possible = is_possible(0.0, north_m, east_m) and abs(depth_m) <= DEEPEST_M
+        if not (possible and math.isfinite(stamp_s / self._every_s)):
             self.counts["bad_odometry"] += 1
             return []
         if self._odometry and stamp_s < self._odometry[-1][0]:

@@ -119,6 +119,22 @@ def test_a_clock_that_is_set_back_resets_the_state() -> None:
     assert sounder.counts["clock_steps"] == 1
 
 
+@pytest.mark.parametrize("altitude_m", [1e9, 1e308, math.inf, math.nan, -1.0, 0.0])
+def test_an_altitude_that_no_water_has_is_no_echo(altitude_m: float) -> None:
+    sounder = Sounder(1.0, 1)
+    sounder.altitude(EPOCH_S + 0.5, altitude_m)
+    for stamp_s in (EPOCH_S, EPOCH_S + 1.0, EPOCH_S + 2.0):
+        assert not sounder.odometry(stamp_s, 0.0, 0.0, 1.0)
+    assert sounder.counts["pings_blind"] == 1
+
+
+@pytest.mark.parametrize("odometry", [(1e7, 0.0, 1.0), (0.0, -1e308, 1.0), (0.0, 0.0, 1e308), (0.0, 0.0, math.nan)])
+def test_a_position_that_no_vehicle_has_is_bad_odometry(odometry: tuple[float, float, float]) -> None:
+    sounder = Sounder(1.0, 1)
+    sounder.odometry(EPOCH_S, *odometry)
+    assert sounder.counts["bad_odometry"] == 1
+
+
 numbers = st.floats(-10.0, 10.0) | st.floats()
 
 

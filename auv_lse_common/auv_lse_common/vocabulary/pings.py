@@ -29,5 +29,5 @@ def sounding_of(pings: Array) -> Array:
     count = len(pings)
     sounding: Array = pings.sum(axis=0) / count
     depths = np.sort(pings[:, 3])
-    sounding[3] = 0.5 * (depths[(count - 1) // 2] + depths[count // 2])
+    sounding[3] = 0.5 * depths[(count - 1) // 2] + 0.5 * depths[count // 2]
     return sounding

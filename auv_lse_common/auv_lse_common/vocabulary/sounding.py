@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.support.arrays import Array, Ints
 
+#: Depths of lakes and seas end here (m): larger values have another unit, or are wrong.
+DEEPEST_M = 12_000.0
 #: Soundings that are iterated over as Python's numbers at a time: those of a survey take far more memory than arrays.
 _AT_A_TIME = 10_000
 

@@ -238,7 +238,8 @@ class Ground:
                 own = np.flatnonzero(other >= 0)
                 links.append((own, other[own], np.full(len(own), np.rint(cm * np.hypot(north, east)))))
             i, j, length = (np.concatenate(part) for part in zip(*links, strict=True))
-            self._graph = coo_array((length, (i, j)), shape=(len(rows), len(rows))).tocsr()
+            ends = i.astype(np.int32), j.astype(np.int32)  # SciPy 1.11's dijkstra reads no others
+            self._graph = coo_array((length, ends), shape=(len(rows), len(rows))).tocsr()
         return self._graph
 
 

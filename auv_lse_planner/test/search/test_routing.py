@@ -72,6 +72,12 @@ def test_ways_lead_around_land():
     assert min(space.clearance_m(*location) for location in dense) > -3.0
 
 
+def test_the_graph_of_ways_has_indices_that_every_supported_scipy_reads():
+    """SciPy 1.11's dijkstra raises with others: ends of links with 64 bits stopped every planner near land."""
+    graph = ground_of(U_SHAPE)._ways_graph()
+    assert (graph.indices.dtype, graph.indptr.dtype) == (np.int32, np.int32)
+
+
 def test_without_free_ground_there_is_no_area():
     assert free_area_m2(world((0.0, 0.0, 15.0, 0.0, 15.0, 15.0, 0.0, 15.0))[2]) == 0.0
     assert free_area_m2(world(SQUARE)[2]) == pytest.approx(160000.0, rel=0.02)

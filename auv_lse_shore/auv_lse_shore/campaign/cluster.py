@@ -81,11 +81,13 @@ def cores() -> int:
 @contextlib.contextmanager
 def lost_cluster_is_an_error() -> Iterator[None]:
     """Turns the errors of a lost scheduler into a CampaignError."""
-    from distributed.client import CancelledError, ClosedClientError, CommClosedError
+    from distributed import client
 
+    # a closed client raises CancelledError in Dask of 2024
+    closed = getattr(client, "ClosedClientError", client.CancelledError)
     try:
         yield
-    except (CancelledError, ClosedClientError, CommClosedError) as error:
+    except (client.CancelledError, client.CommClosedError, closed) as error:
         raise CampaignError(f"lost the cluster ({error}). Run the same command again to continue") from error
 
 

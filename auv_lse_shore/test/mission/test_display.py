@@ -107,7 +107,7 @@ def test_where_there_is_no_terminal_lines_come_now_and_then() -> None:
 @pytest.mark.parametrize("terminal", [False, True])
 def test_a_start_is_reported_as_such(terminal: bool) -> None:
     text = displayed(MissionProgress(vehicles=1, steps_total=9, started_s=12.3), terminal)
-    assert text.strip().splitlines()[0].rstrip() == "starting: loading the nodes, 12 s"
+    assert text.strip().startswith("starting: loading the nodes, 12 s")
     assert "real time" not in text
 
 

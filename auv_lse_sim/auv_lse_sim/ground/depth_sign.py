@@ -12,8 +12,8 @@ import numpy as np
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.plurals import counted
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 from auv_lse_gp.no_data import OFTEN_NO_DATA, fill_values, is_no_data
-from auv_lse_sim.ground.grid_ground import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
 
 #: Positive values come near 0 if their 1st percentile is below this (m), or below this share of the 99th.

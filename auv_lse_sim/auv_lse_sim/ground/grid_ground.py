@@ -13,9 +13,9 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.extent import Extent
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
 
-DEEPEST_M = 11_000.0  # deeper than any ocean: larger depths have another unit or are wrong
 
 
 class GridGround:

@@ -140,7 +140,7 @@ def test_absurd_values_are_left_out_and_counted(tmp_path, value):
     values = -DEPTH
     values[3, 5:8] = value
     described = load_ground(tif(tmp_path / "g.tif", values)).describe()
-    assert f"3 nodes of {value:g} left out: deeper or higher than 11000 m" in described
+    assert f"3 nodes of {value:g} left out: deeper or higher than 12000 m" in described
 
 
 def test_the_band_of_depths_is_used_and_named(tmp_path):

@@ -29,7 +29,7 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         ("a.csv", GOOD + "10,20\n", r"a\.csv:42: 2 fields '10,20', but the header has 3"),
         ("a.csv", GOOD + "10,abc,3\n", r"a\.csv:42: north_m is 'abc'. Write a finite number"),
         ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'. Write a finite number"),
-        ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m is deeper than 11000 m; depths must be in metres"),
+        ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m is deeper than 12000 m; depths must be in metres"),
         (
             "a.csv",
             "lat,lon,depth_m\n95,10,3\n",

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 from auv_lse_gp.tables.column_names import column_of
 from auv_lse_gp.tables.dialect import Dialect, is_number, numbers_of
 from auv_lse_gp.tables.units import METRES
@@ -98,7 +99,7 @@ def _pair(a: Array, b: Array) -> tuple[str, str] | None:
 
 def _depth_name(values: Array, title: str) -> str:
     known = values[np.isfinite(values)]
-    if len(np.unique(known)) < 2 or np.abs(known).max() > 12_000.0:
+    if len(np.unique(known)) < 2 or np.abs(known).max() > DEEPEST_M:
         return ""
     if (known <= 0.0).mean() > 0.9 or _HEIGHT_NAME.search(title):
         return "elevation"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.text import text_of
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 from auv_lse_gp.tables.angles import degrees_of
 from auv_lse_gp.tables.column_names import DEPTHS, Column
 from auv_lse_gp.tables.dialect import LONGEST, long_lines, open_quote
@@ -39,8 +40,6 @@ _WIDE_DEG = 2.0
 _LOW_M = 100.0
 #: Share of the depths' changes that remains in their difference from heights that follow them.
 _FOLLOWS = 0.2
-#: Depths of lakes and seas end here (m).
-_DEEPEST_M = 12_000.0
 #: Names by which depths are measured from the transducer or the keel.
 _BELOW = {
     "transducer": Reference.TRANSDUCER,
@@ -285,8 +284,8 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
         values = _below_surface(table, content.downward(values), unit_m, options, content)
     else:
         values = _from_elevations(table, column, role, values, known, options)
-    absurd = np.abs(values) > _DEEPEST_M
-    content.left_out[f"depths beyond {_DEEPEST_M:,.0f} m"] += int(absurd.sum())
+    absurd = np.abs(values) > DEEPEST_M
+    content.left_out[f"depths beyond {DEEPEST_M:,.0f} m"] += int(absurd.sum())
     word = next((word for word in _BELOW if word in column.name.lower()), "")
     return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
 
