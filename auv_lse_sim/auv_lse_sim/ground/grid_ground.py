@@ -17,7 +17,6 @@ from auv_lse_common.vocabulary.sounding import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
 
 
-
 class GridGround:
     """Ground on a regular north-east grid, bicubic between the nodes.
 
