@@ -15,7 +15,7 @@ COMMANDS = {
     "distributed": "pip install distributed",
     "jinja2": "sudo apt install python3-jinja2",
     "matplotlib": "sudo apt install python3-matplotlib",
-    "pyarrow": "pip install pyarrow",
+    "pyarrow": "pip install 'pyarrow<26'",
     "pymavlink": "pip install pymavlink",
     "pyproj": "sudo apt install python3-pyproj",
     "rasterio": "sudo apt install python3-rasterio",
@@ -59,6 +59,8 @@ def missing(error: ImportError, purpose: str) -> MissingPackageError:
     Args:
         purpose: Subject of the sentence "... need the Python package": "figures".
     """
+    if not isinstance(error, ModuleNotFoundError):
+        return MissingPackageError(f"{purpose} need a Python package that cannot be loaded: {error}", name=error.name)
     name = (error.name or str(error)).split(".")[0]
     return MissingPackageError(
         f"{purpose} need the Python package {name}, which is not installed: {install_command(name)}", name=name

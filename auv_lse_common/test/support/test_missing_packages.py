@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_common.support.missing_packages import is_installed
+from auv_lse_common.support.missing_packages import is_installed, missing
 
 
 def test_an_installed_package_without_a_file_of_its_own_counts_and_a_folder_does_not(
@@ -18,3 +18,12 @@ def test_an_installed_package_without_a_file_of_its_own_counts_and_a_folder_does
     assert is_installed("installed_by_pip")
     assert not is_installed("only_a_folder")
     assert not is_installed("nowhere_at_all")
+
+
+def test_a_package_that_is_installed_but_does_not_load_is_not_called_missing() -> None:
+    error = missing(ImportError("pyarrow requires NumPy 2.0 or newer, found 1.26.4"), "campaigns")
+    wanted = "campaigns need a Python package that cannot be loaded: pyarrow requires NumPy 2.0 or newer, found 1.26.4"
+    assert str(error) == wanted
+    absent = missing(ModuleNotFoundError("No module named 'pyarrow'", name="pyarrow.parquet"), "campaigns")
+    command = "pip install 'pyarrow<26'"
+    assert str(absent) == f"campaigns need the Python package pyarrow, which is not installed: {command}"

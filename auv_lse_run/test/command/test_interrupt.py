@@ -251,7 +251,7 @@ def test_exit_code_and_arguments_belong_to_the_verb(tmp_path: Path, end: str, co
         ),
         (
             "from auv_lse_common.support.missing_packages import missing\n"
-            "raise missing(ImportError('gone', name='jinja2'), 'reports')",
+            "raise missing(ModuleNotFoundError('gone', name='jinja2'), 'reports')",
             "reports need the Python package jinja2, which is not installed: sudo apt install python3-jinja2",
         ),
     ],
