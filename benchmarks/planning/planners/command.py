@@ -8,12 +8,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import check_file
 from auv_lse_shore.mission_options import check_option
 from benchmarks.planning.peer_environment import PEER, environment
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.grounds import Ground, read
-from benchmarks.planning.planners.interface import loaded
+from benchmarks.planning.planners.interface import loaded, source_of
 from benchmarks.planning.planners.options import HINDSIGHT, OURS, PEER_NAMES, RIVAL_NAMES
 from benchmarks.planning.planners.page import page
 from benchmarks.results_file import fly
@@ -46,6 +47,8 @@ def run(options: argparse.Namespace) -> int:
     grounds = read(options.grounds, options.data, options.role, options.only or (), _say)
     if not grounds:
         raise ValueError(f"{options.grounds} has no {options.role} ground to fly; name another --role or --grounds.")
+    for ground in grounds:
+        _check_parameters(ground, options)
     asked = [
         _line(ground, planner, vehicles, seed, options)
         for ground, vehicles, seed, planner in itertools.product(
@@ -77,6 +80,17 @@ def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def _check_parameters(ground: Ground, options: argparse.Namespace) -> None:
+    """Refuses a ground whose mission no team of these sizes can fly, before the first one flies.
+
+    Raises:
+        ValueError: naming the manifest, the ground and the parameter.
+    """
+    for vehicles in options.vehicles:
+        overrides = {**ground.parameters, "mission.vehicles": vehicles}
+        Settings.from_patterns({"/**": {}}, f"{options.grounds}: {ground.name}", overrides)
+
+
 def ground_of(grounds: list[Ground], line: dict[str, Any]) -> Ground:
     """The ground of a line."""
     return next(ground for ground in grounds if ground.name == line["ground"])
@@ -106,9 +120,9 @@ def _line(ground: Ground, planner: str, vehicles: int, seed: int, options: argpa
 
 
 def _inputs(ground: Ground, planner: str) -> str:
-    """Digest of the ground's parameters and data, and of a planner's file: a change of either is another mission."""
-    file = Path(planner).read_bytes() if planner.endswith(".py") else b""
-    text = json.dumps([ground.mission, ground.sha256, hashlib.sha256(file).hexdigest()], sort_keys=True)
+    """Digest of the ground's parameters and data, and of a planner's source: a change of either is another mission."""
+    source = b"" if planner in (*OURS, *RIVAL_NAMES, HINDSIGHT) else source_of(planner)
+    text = json.dumps([ground.mission, ground.sha256, hashlib.sha256(source).hexdigest()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -22,7 +22,7 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
 from benchmarks.planning.planner_loop import light_mission
-from benchmarks.planning.planners.interface import Planner, Steered, loaded
+from benchmarks.planning.planners.interface import Planner, Steered, loaded, made
 from benchmarks.planning.planners.judge import CELL_M, SHARES, Judgement, judge, judgement_of
 from benchmarks.planning.planners.options import HINDSIGHT, OURS
 from benchmarks.planning.planners.rivals import RIVALS
@@ -140,7 +140,7 @@ def _maker(planner: str, python: Path | None) -> Callable[[], Planner]:
 def _in_place(make: Callable[[], Planner]) -> Iterator[None]:
     """Lets a planner fly instead of `REPLACED`."""
     kept = families.CLASSES[REPLACED_FAMILY]
-    families.CLASSES[REPLACED_FAMILY] = lambda context: Steered(make(), context)
+    families.CLASSES[REPLACED_FAMILY] = lambda context: Steered(made(make), context)
     try:
         yield
     finally:

@@ -110,20 +110,33 @@ def _listed(manifest: Path) -> list[Mapping[str, Any]]:
     listed = body["grounds"]
     if not isinstance(listed, list) or not all(isinstance(entry, Mapping) for entry in listed):
         raise ValueError(f"{manifest}: grounds must be a list of mappings, not {repr(listed)[:60]}.")
-    names = [str(entry.get("name")) for entry in listed]
+    for entry in listed:
+        _check_keys(entry, _where(entry, manifest))
+    names = [str(entry["name"]) for entry in listed]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"{manifest}: several grounds are called {', '.join(twice)}; give each a name of its own.")
     return listed
 
 
-def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
-    where = f"{manifest}: {entry.get('name', 'a ground without a name')}"
-    unknown = sorted(set(entry) - KEYS)
-    if unknown or "name" not in entry or entry.get("role") not in ROLES:
+def _where(entry: Mapping[str, Any], manifest: Path) -> str:
+    return f"{manifest}: {entry.get('name', 'a ground without a name')}"
+
+
+def _check_keys(entry: Mapping[str, Any], where: str) -> None:
+    """Refuses keys and roles that do not exist: a ground of a mistyped role would be left out."""
+    unknown = sorted({str(key) for key in entry} - KEYS)
+    if unknown:
+        raise ValueError(f"{where}: unknown key {', '.join(unknown)}; use {', '.join(sorted(KEYS))}.")
+    if "name" not in entry or entry.get("role") not in ROLES:
         raise ValueError(
-            f"{where}: a ground has a name, a role ({', '.join(ROLES)}), and of {', '.join(sorted(KEYS))}."
+            f"{where}: role is {entry.get('role')!r}; a ground has a name, a role ({', '.join(ROLES[:-1])} or "
+            f"{ROLES[-1]}), and parameters."
         )
+
+
+def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
+    where = _where(entry, manifest)
     parameters = entry.get("mission", {})
     if not isinstance(parameters, Mapping):
         raise ValueError(f"{where}: mission must hold parameters by dotted name, not {parameters!r}.")

@@ -13,10 +13,12 @@ A file with a function `planner()`, or an entry point of the group `auv_lse.plan
 """
 
 import dataclasses
+import importlib.metadata
 import importlib.util
+import sys
 import traceback
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -138,13 +140,7 @@ class Steered(PathMethod):
     def _answer(self, s: Situation) -> Any:
         """What the planner returns; its errors as ValueError with the last line of its file that ran."""
         view = self._view(s)
-        try:
-            return self._planner.path(view)
-        except Exception as error:
-            _, first, *deeper = traceback.extract_tb(error.__traceback__)
-            at = [frame for frame in (first, *deeper) if frame.filename == first.filename][-1]
-            what = f"{type(error).__name__}: {error}"
-            raise ValueError(f"step {s.step}: {at.filename}, line {at.lineno}, in {at.name}: {what}") from error
+        return _call(lambda: self._planner.path(view), f"step {s.step}")
 
     def _around_land(self, here_m: Array, asked_m: Array) -> Array:
         """The waypoints (n, 2) with those on the way between them, where the straight way leads over land."""
@@ -208,24 +204,74 @@ def waypoints_of(answer: Any, step: int) -> Array:
     return waypoints_m
 
 
+def _call(call: Callable[[], Any], where: str) -> Any:
+    """What code of others returns; its errors as ValueError with the last line of its file that ran."""
+    try:
+        return call()
+    except Exception as error:
+        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not _is_machinery(frame.filename)]
+        lines = [frame for frame in frames if frame.filename == frames[0].filename]
+        at = f"{lines[-1].filename}, line {lines[-1].lineno}, in {lines[-1].name}: " if lines else ""
+        raise ValueError(f"{where}: {at}{type(error).__name__}: {error}") from error
+
+
+def _is_machinery(file: str) -> bool:
+    """Whether a frame is that of this module or of an import."""
+    return file in (__file__, importlib.metadata.__file__, importlib.__file__) or file.startswith("<frozen")
+
+
 def loaded(name: str) -> Callable[[], Planner]:
     """The function that makes a planner, from a Python file or by the name of an entry point.
 
     Raises:
-        ValueError: if there is no such planner; the text names the known ones.
+        ValueError: if there is no such planner (the text names the known ones), or it cannot be loaded.
     """
+    if not name.endswith(".py"):
+        point = _entry_point(name)
+        if point is None:
+            known = ", ".join([*OURS, *RIVAL_NAMES, HINDSIGHT, *sorted(entry_points(group=GROUP).names)])
+            raise ValueError(f"There is no planner {name}. Use one of {known}, or a Python file.")
+        return _call(point.load, name)  # type: ignore[no-any-return]
+    found = importlib.util.spec_from_file_location(f"planner in {name}", name)
+    if found is None or found.loader is None or not Path(name).is_file():
+        raise ValueError(f"There is no planner file {name}.")
+    module = importlib.util.module_from_spec(found)
+    sys.modules[module.__name__] = module  # dataclasses and pickle look for it there
+    loader = found.loader
+    _call(lambda: loader.exec_module(module), name)
+    make: Any = getattr(module, "planner", None)
+    if not callable(make):
+        raise ValueError(f"{name} has no function planner(); see benchmarks/planning/planners/interface.py.")
+    return make  # type: ignore[no-any-return]
+
+
+def made(make: Callable[[], Planner]) -> Planner:
+    """The planner of one vehicle.
+
+    Raises:
+        ValueError: if `make` fails, or returns no planner.
+    """
+    planner: Any = _call(make, "planner()")
+    every = getattr(planner, "replan_legs", "missing")
+    if not callable(getattr(planner, "path", None)) or not (every is None or (isinstance(every, int) and every > 0)):
+        raise ValueError(
+            "planner() must return an object with path(view) and replan_legs, which is None or a whole number of legs "
+            f"from 1, not {type(planner).__name__} with replan_legs {every!r}."
+        )
+    return planner  # type: ignore[no-any-return]
+
+
+def source_of(name: str) -> bytes:
+    """Source of a planner: its file, or the Python files of its entry point's package; none for a name of ours."""
     if name.endswith(".py"):
-        found = importlib.util.spec_from_file_location(Path(name).stem, name)
-        if found is None or found.loader is None or not Path(name).is_file():
-            raise ValueError(f"There is no planner file {name}.")
-        module = importlib.util.module_from_spec(found)
-        found.loader.exec_module(module)
-        make: Any = getattr(module, "planner", None)
-        if make is None:
-            raise ValueError(f"{name} has no function planner(); see benchmarks/planning/planners/interface.py.")
-        return make  # type: ignore[no-any-return]
-    points = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in points:
-        known = ", ".join([*OURS, *RIVAL_NAMES, HINDSIGHT, *sorted(points)])
-        raise ValueError(f"There is no planner {name}. Use one of {known}, or a Python file.")
-    return points[name].load()  # type: ignore[no-any-return]
+        return Path(name).read_bytes()
+    point = _entry_point(name)
+    package = importlib.util.find_spec(point.module.split(".")[0]) if point else None
+    if package is None:
+        return b""
+    files = [path for folder in package.submodule_search_locations or () for path in Path(folder).rglob("*.py")]
+    return b"".join(path.read_bytes() for path in sorted(files) or [Path(str(package.origin))])
+
+
+def _entry_point(name: str) -> EntryPoint | None:
+    return next(iter(entry_points(group=GROUP, name=name)), None)

@@ -1,0 +1,119 @@
+"""auv_lse bench planners: planners in a file or a package of others, their mistakes, and those of a manifest."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import bench
+from benchmarks.planning.planners import grounds
+from benchmarks.planning.planners.interface import loaded, made, source_of
+
+EAST = (
+    "class East:\n    replan_legs = None\n"
+    "    def path(self, view):\n        return view.position_m + [[0.0, 60.0]]\n"
+    "def planner():\n    return East()\n"
+)
+
+
+def test_a_planner_file_may_have_a_dataclass_with_postponed_annotations(tmp_path: Path) -> None:
+    file = tmp_path / "greedy.py"
+    file.write_text(
+        "from __future__ import annotations\nimport dataclasses\n"
+        "@dataclasses.dataclass\nclass Greedy:\n    replan_legs: int | None = 2\n"
+        "    def path(self, view):\n        return view.position_m\n"
+        "def planner():\n    return Greedy()\n"
+    )
+    assert made(loaded(str(file))).replan_legs == 2
+    assert "greedy" not in sys.modules, "it must not replace a module of that name"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("def planner() return 3\n", r"own\.py: SyntaxError: .*own\.py, line 1"),
+        ("import nothing_such\n", r"own\.py, line 1, in <module>: ModuleNotFoundError: No module named 'nothing_such'"),
+        ("WIDTH = 1 / 0\n", r"own\.py, line 1, in <module>: ZeroDivisionError"),
+        ("planner = 3\n", r"own\.py has no function planner\(\)"),
+    ],
+)
+def test_a_planner_file_that_cannot_be_loaded_is_named_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "own.py").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        loaded(str(tmp_path / "own.py"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "def planner():\n    open('/nowhere/weights.npz')\n",
+            r"own\.py, line 2, in planner: FileNotFoundError: .*weig",
+        ),
+        ("def planner():\n    pass\n", r"planner\(\) must return an object with path\(view\) .*, not NoneType"),
+        (
+            EAST.replace("    replan_legs = None\n", ""),
+            r"whole number of legs from 1, not East with replan_legs 'missing'",
+        ),
+        (EAST.replace("= None", "= '3'"), r"from 1, not East with replan_legs '3'"),
+        (EAST.replace("= None", "= 0"), r"from 1, not East with replan_legs 0"),
+    ],
+)
+def test_a_planner_that_cannot_be_made_is_named(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "own.py").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        made(loaded(str(tmp_path / "own.py")))
+
+
+def test_a_change_of_a_package_makes_other_missions_of_its_planner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its results would be those of the package before the change."""
+    package, info = tmp_path / "lab_planners_of_test", tmp_path / "lab_planners_of_test-1.0.dist-info"
+    package.mkdir()
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lab_planners_of_test\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[auv_lse.planners]\nlab_east = lab_planners_of_test.east:planner\n")
+    (package / "__init__.py").touch()
+    (package / "east.py").write_text(EAST)
+    (package / "step.py").write_text("STEP_M = 60.0\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = source_of("lab_east")
+    assert made(loaded("lab_east")).replan_legs is None
+    assert source_of("lab_east") == before
+    (package / "step.py").write_text("STEP_M = 30.0\n")
+    assert source_of("lab_east") != before
+    assert source_of("tour") == b""
+    monkeypatch.delitem(sys.modules, "lab_planners_of_test")
+    monkeypatch.delitem(sys.modules, "lab_planners_of_test.east")
+
+
+def test_a_manifest_names_unknown_keys_and_roles_also_of_grounds_of_another_role(tmp_path: Path) -> None:
+    manifest = tmp_path / "grounds.yaml"
+
+    def read(**change: object) -> None:
+        bay = {"name": "bay", "role": "reporting"}
+        manifest.write_text(json.dumps({"grounds": [bay, {"name": "pond", "role": "tuning", **change}]}))
+        grounds.read(manifest, role="reporting")
+
+    read()
+    with pytest.raises(ValueError, match=r"pond: unknown key license; use file, licence, mission"):
+        read(license="CC0")
+    with pytest.raises(
+        ValueError, match=r"pond: role is 'report'; a ground has a name, a role \(tuning, choosing or rep"
+    ):
+        read(role="report")
+
+
+def test_parameters_of_a_ground_are_checked_before_the_first_mission(tmp_path: Path) -> None:
+    manifest, results = tmp_path / "grounds.yaml", tmp_path / "results.jsonl"
+    listed = [{"name": "bay", "role": "tuning"}, {"name": "pond", "role": "tuning", "mission": {"sim.lake.sead": 3}}]
+    manifest.write_text(json.dumps({"grounds": listed}))
+    words = ["planners", "--grounds", str(manifest), "--role", "tuning", "--out", str(results), "--legs", "2"]
+    with pytest.raises(ValueError, match=re.escape(f"{manifest}: pond: sim.lake.sead: unknown parameter (value 3)")):
+        bench.run(bench.parser().parse_args([*words, "--planners", "fitted_lanes"]))
+    assert not results.exists()
