@@ -29,6 +29,8 @@ from auv_lse_shore.report.page import embed, number, render
 _COMPARISON = (
     "Every setting: each seed's result (dots), the mean and its 95 % confidence interval, which a panel may cut off."
 )
+#: Parameters that change the ground of a seed.
+_GROUND = ("sim.lake.", "sim.bathymetry.")
 _CURVES = (
     "Map risk over steps, and the map risk expected at the end with the current plans: mean over seeds and 95 % "
     "confidence interval."
@@ -69,6 +71,7 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
             subtitle=f"{len(spec.settings)} settings, {len(spec.seeds)} seeds, {len(spec.settings) * len(spec.seeds)} "
             f"missions; {sum(map(len, groups.values()))} finished, {len(failed)} failed.",
             cards=list(_best(groups)),
+            same_lakes=not any(name.startswith(_GROUND) for name in spec.varied),
             header=["setting", "seeds", *HEADINGS.values()],
             settings=[[label, len(own), *(_mean(own, column) for column in HEADINGS)] for label, own in groups.items()],
             pictures=pictures,
@@ -129,7 +132,7 @@ def _best(groups: Mapping[str, Sequence[Row]]) -> Iterator[tuple[str, str]]:
         best = (max if more else min)(means, key=lambda name: means[name])
         apart = {label: paired(own, values[best]) for label, own in values.items()}
         tied = [label for label, d in apart.items() if label != best and not (d.low > 0.0 or d.high < 0.0)]
-        others = f" (not significantly better than {', '.join(tied)})" if tied else ""
+        others = f" (not significantly better than {'; '.join(tied)})" if tied else ""
         most = max(map(len, groups.values()))
         over = f", over the {len(shared)} of {most} seeds with a value for every setting" if len(shared) < most else ""
         yield number(means[best]), f"best mean {heading}{over}: {best}{others}"

@@ -142,8 +142,12 @@ class Rows:
             for name, kind in zip(self._columns.names, self._columns.types, strict=True)
         }
         part = path.with_suffix(f".{os.getpid()}.part")
-        pyarrow.parquet.write_table(pyarrow.table(columns, schema=self._columns), part)
-        os.replace(part, path)
+        try:
+            pyarrow.parquet.write_table(pyarrow.table(columns, schema=self._columns), part)
+            os.replace(part, path)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise OSError(error.errno, os.strerror(error.errno) if error.errno else str(error), str(path)) from error
 
 
 def _fit(value: Any, kind: pyarrow.DataType) -> Any:

@@ -33,7 +33,7 @@ class CampaignState:
         total: Missions of the campaign.
         before: Missions with a row from an earlier run.
         done: Missions simulated in this run, failed ones included.
-        failed: Missions of this run that failed.
+        failed: Missions that failed, in this run or in an earlier one.
         threads: Missions that the cluster simulates at once.
         elapsed_s: Wall-clock time since the first was submitted.
         busy_s: Sum of the missions' wall-clock times.
@@ -94,6 +94,7 @@ def run_campaign(
         _report_versions(rows_of(spec, rows.read()))
     threads = max(sum(client.nthreads().values()), 1)
     state = CampaignState(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
+    state.failed = sum(statuses.get(job.id) == "failed" for job in jobs) - sum(job.id in statuses for job in todo)
     state.limited = math.isfinite(budget_s)
     queue = _Queue(todo, client, state, budget_s)
     with lost_cluster_is_an_error():

@@ -43,7 +43,7 @@ class Job:
     """One mission of a campaign.
 
     Attributes:
-        id: A digest of its complete parameters and of its survey file, so that after a change of the campaign file
+        id: A digest of its complete parameters and of its survey files, so that after a change of the campaign file
             only changed missions are simulated.
         group: Label of its setting; all seeds of one setting share it.
         varied: The parameters in which settings differ, with this mission's values.
@@ -150,17 +150,18 @@ class CampaignSpec:
         by_setting = []
         largest: dict[str, int] = {}  # team of the settings that have a parameter
         for label, values in self.settings:
-            settings = Settings.from_patterns(self.base, self.where, values)
+            where = f"{self.where}: setting '{label}'"
+            settings = Settings.from_patterns(self.base, where, values)
             largest |= {name: max(largest.get(name, 0), settings.mission.vehicles) for name in values}
-            survey = _digest(settings.sim.bathymetry.file, f"{self.where}: setting '{label}'")
-            by_setting.append((label, values, settings.open_patterns(), survey))
+            surveys = "".join(_digest(file, f"{where}: {name}") for name, file in _survey_files(settings))
+            by_setting.append((label, values, settings.open_patterns(), surveys))
         for name, vehicles in largest.items():
             check_vehicles([name], vehicles, f"{self.where}: ")
         for seed in self.seeds:
-            for label, values, complete, survey in by_setting:
+            for label, values, complete, surveys in by_setting:
                 common = complete["/**"]
                 patterns = {**complete, "/**": {**common, "mission": {**common["mission"], "seed": seed}}}
-                text = json.dumps(patterns, sort_keys=True) + survey
+                text = json.dumps(patterns, sort_keys=True) + surveys
                 digest = hashlib.sha256(text.encode()).hexdigest()[:16]
                 varied = {name: values[name] for name in self.varied if name in values}
                 jobs.append(Job(id=digest, group=label, varied=varied, seed=seed, patterns=patterns))
@@ -173,6 +174,12 @@ class CampaignSpec:
         return jobs
 
 
+def _survey_files(settings: Settings) -> dict[tuple[str, str], None]:
+    """The files of soundings that a mission reads, each with its parameter."""
+    priors = [("gp.survey_file", own.gp.survey_file) for own in settings.vehicles if own.gp.mean == "survey"]
+    return dict.fromkeys([("sim.bathymetry.file", settings.sim.bathymetry.file), *priors])
+
+
 @functools.cache
 def _digest(file: str, where: str) -> str:
     """Digest of a survey file's content, so that a changed file makes other missions; "" for no file."""
@@ -181,7 +188,7 @@ def _digest(file: str, where: str) -> str:
     try:
         return hashlib.sha256(Path(file).read_bytes()).hexdigest()
     except OSError as error:
-        raise ParameterError(f"{where}: sim.bathymetry.file: {file}: {error.strerror or error}") from error
+        raise ParameterError(f"{where}: {file}: {error.strerror or error}") from error
 
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:

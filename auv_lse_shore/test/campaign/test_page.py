@@ -1,9 +1,10 @@
 """The page of a campaign."""
 
 import pytest
+from sim_helpers import spec_of
 
 from auv_lse_shore.campaign.comparison_figures import MAP_CURVES, PAPER_CURVES, curves
-from auv_lse_shore.campaign.page import _best, _mean
+from auv_lse_shore.campaign.page import _best, _mean, write_page
 
 SEEDS = range(1, 9)
 
@@ -51,3 +52,11 @@ def test_the_labels_of_curves_fit_their_figure(columns):
     for axis in figure.axes:
         label = axis.yaxis.label.get_window_extent()
         assert 0.0 <= label.y0 < label.y1 <= figure.bbox.height
+
+
+@pytest.mark.parametrize(
+    ("grid", "same"), [({"planner.method": ["plain", "tour"]}, True), ({"sim.lake.deepest_m": [30.0, 35.0]}, False)]
+)
+def test_settings_share_their_lakes_only_if_they_do_not_vary_them(tmp_path, grid, same):
+    text = write_page(spec_of(tmp_path, grid=grid), [], tmp_path).read_text()
+    assert ("All settings share the same lakes." in text) == same

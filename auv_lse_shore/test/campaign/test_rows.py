@@ -2,6 +2,7 @@
 
 import pyarrow
 import pyarrow.parquet
+import pytest
 import yaml
 from sim_helpers import TINY, spec_of
 
@@ -54,3 +55,16 @@ def test_rows_are_whole_or_not_there(tmp_path):
     assert len(row["local_risk"]) == 2
     assert len(row["stepwise"]) == 3
     assert yaml.safe_load(row["parameters"]) == first.patterns
+
+
+def test_a_row_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    def full(table, path):
+        path.write_bytes(b"PAR1")
+        raise OSError(28, "Error writing bytes to file. Detail: [errno 28]")
+
+    spec = spec_of(tmp_path)
+    (job,) = spec.jobs()
+    monkeypatch.setattr(pyarrow.parquet, "write_table", full)
+    with pytest.raises(OSError, match=rf"No space left on device: '{tmp_path}/rows/{job.id}\.parquet'"):
+        Rows(tmp_path, columns_of(spec)).write(row_head(job))
+    assert list((tmp_path / "rows").iterdir()) == []

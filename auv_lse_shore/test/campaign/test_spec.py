@@ -55,6 +55,7 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
             {"set": {"auv4.vehicle.depth_m": 4.0}, "grid": {"mission.vehicles": [1, 3]}},
             r"auv4\.vehicle\.depth_m: the mission has no auv4; its vehicles are auv1 to auv3",
         ),
+        ({"grid": {"mission.steps": [2, 0]}}, r"test\.yaml: setting 'steps 0': mission\.steps must be"),
         ({"seeds": [1, 1]}, r"seeds must be .*, not \[1, 1\]"),
         ({"seeds": 0}, "seeds must be .*, not 0"),
         ({"seeds": 99999999999}, "seeds: 99999999999 are more than 100000 seeds"),
@@ -90,12 +91,14 @@ def test_a_parameter_may_be_for_the_larger_teams_alone(tmp_path):
     assert len(spec.jobs()) == 2
 
 
-def test_another_survey_under_the_same_name_is_another_mission(tmp_path):
+@pytest.mark.parametrize("uses", [{"sim.bathymetry.file": ""}, {"gp.mean": "survey", "gp.survey_file": ""}])
+def test_another_survey_under_the_same_name_is_another_mission(tmp_path, uses):
     survey = tmp_path / "survey.csv"
+    survey_is_used = {name: value or str(survey) for name, value in uses.items()}
 
     def ids():
         campaign_spec._digest.cache_clear()  # a new process
-        return {j.id for j in spec_of(tmp_path, set={**TINY, "sim.bathymetry.file": str(survey)}).jobs()}
+        return {j.id for j in spec_of(tmp_path, set={**TINY, **survey_is_used}).jobs()}
 
     survey.write_text("east_m,north_m,depth_m\n0,0,10\n")
     before = ids()
