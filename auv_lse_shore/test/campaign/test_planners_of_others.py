@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks import bench
 from benchmarks.planning.planners import grounds
+from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.interface import loaded, made, source_of
 
 EAST = (
@@ -117,3 +118,14 @@ def test_parameters_of_a_ground_are_checked_before_the_first_mission(tmp_path: P
     with pytest.raises(ValueError, match=re.escape(f"{manifest}: pond: sim.lake.sead: unknown parameter (value 3)")):
         bench.run(bench.parser().parse_args([*words, "--planners", "fitted_lanes"]))
     assert not results.exists()
+
+
+def test_the_planner_of_the_page_about_methods_can_be_flown(tmp_path: Path) -> None:
+    page = Path(__file__).resolve().parents[3] / "docs" / "extending" / "adding-a-method.md"
+    file = tmp_path / "ambiguous.py"
+    file.write_text(re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)[-1])
+    small = {"area.polygon_m": [-40.0, -40.0, 200.0, -40.0, 200.0, 200.0, -40.0, 200.0], "gp.map_resolution_m": 10.0}
+    figures = [mission(str(file), small, 1, seed, 4) for seed in (1, 1, 2)]
+    for flown in figures:
+        flown.pop("cpu_s")
+    assert figures[0] == figures[1] != figures[2]
