@@ -94,7 +94,9 @@ def opening_lines(
         if within_m is None
         else f"95 % of the line found is expected to lie within {within_m:.1f} m of the isobath"
     )
-    missing = f"{_m(undiscovered_m)} of isobath expected, at most {_m(limit_m)} with 95 % probability"
+    is_skewed = limit_m < undiscovered_m  # rarely much is missing
+    expected = "on average, but" if is_skewed else "expected,"
+    missing = f"{_m(undiscovered_m)} of isobath {expected} at most {_m(limit_m)} with 95 % probability"
     return [
         f"found: {_m(length_m[FOUND])} of isobath{'; ' if others else ''}{others}",
         f"accuracy: {accuracy}",

@@ -404,6 +404,8 @@ def test_the_opening_names_only_what_there_is():
         "accuracy: 95 % of the line found is expected to lie within 3.2 m of the isobath",
         "may be missing: 40 m of isobath expected, at most 110 m with 95 % probability",
     ]
+    rarely_much = "may be missing: 2 m of isobath on average, but at most 1 m with 95 % probability"
+    assert opening_lines(some, 3.2, 2.1, 1.0)[2] == rarely_much, "a limit below the mean is no contradiction"
     assert opening_lines(dict.fromkeys(some, 0.0), None, 0.0, 0.0) == [
         "found: 0 m of isobath",
         "accuracy: no line found",
