@@ -22,7 +22,7 @@ from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.chart import with_chart
 from auv_lse_sim.ground.ground_source import ground_of
-from auv_lse_sim.ground.navigable import fit_to_ground
+from auv_lse_sim.ground.navigable import START_MOVED, fit_to_ground
 
 #: Number of steps at which a mission's bounds are recomputed for its row.
 BOUNDS = 11
@@ -31,14 +31,18 @@ BOUNDS = 11
 def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str, folder: Path) -> RunData:
     """Simulates a mission in this process; area and starts are fitted to the ground, as auv_lse mission does.
 
+    The run's notes name starts that were moved.
+
     Args:
         patterns: Its complete mission file.
         folder: An existing folder for the chart of `sim.chart`; the evaluation needs it too.
     """
     settings = Settings.from_patterns(patterns, where)
     ground = ground_of(settings)
-    settings, _ = fit_to_ground(settings, ground)
-    return Fleet(with_chart(settings, folder), ground).run()
+    settings, notes = fit_to_ground(settings, ground)
+    run = Fleet(with_chart(settings, folder), ground).run()
+    run.notes += [note for note in notes if note.startswith(START_MOVED)]
+    return run
 
 
 def simulate_and_evaluate(patterns: Mapping[str, Mapping[str, Any]], where: str, bounds: int = 34) -> Evaluation:

@@ -68,3 +68,9 @@ def test_a_row_that_cannot_be_written_is_named(tmp_path, monkeypatch):
     with pytest.raises(OSError, match=rf"No space left on device: '{tmp_path}/rows/{job.id}\.parquet'"):
         Rows(tmp_path, columns_of(spec)).write(row_head(job))
     assert list((tmp_path / "rows").iterdir()) == []
+
+
+def test_the_row_of_a_mission_whose_start_was_moved_has_a_note(tmp_path):
+    far, near = spec_of(tmp_path, grid={"vehicle.start_north_m": [5000.0, 75.0]}).jobs()
+    assert mission_row(far)["error"].startswith("start of every vehicle: north 5000, east 0 m has no room to turn")
+    assert "start of" not in (mission_row(near)["error"] or "")

@@ -31,6 +31,8 @@ from auv_lse_sim.ground.shore import shore_of
 MAX_CELLS = 400_000
 #: Maximum number of cells in which the area's depths are checked.
 WARNING_CELLS = 40_000
+#: Beginning of a note on a start that was moved.
+START_MOVED = "start of "
 #: Parts smaller than this fraction of the largest part are never selected.
 LEAST_PART = 0.25
 #: An area is too large for a chart if paths cover less than this share of it. There the goal `line` locates more of the
@@ -328,11 +330,11 @@ def _move_starts(settings: Settings) -> tuple[Settings, list[str]]:
         overrides[f"auv{number}.vehicle.start_north_m"] = float(location[0])
         overrides[f"auv{number}.vehicle.start_east_m"] = float(location[1])
         notes.append(
-            f"start of auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable water; "
+            f"{START_MOVED}auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable water; "
             f"moved {np.hypot(*(location - start)):.0f} m to north {location[0]:g}, east {location[1]:g} m"
         )
     if len(notes) > 1 and len({note.split(": ", 1)[1] for note in notes}) == 1:
-        notes = [notes[0].replace("start of auv1", "start of every vehicle")]
+        notes = [notes[0].replace(f"{START_MOVED}auv1", f"{START_MOVED}every vehicle")]
     return (settings.with_overrides(overrides) if overrides else settings), notes
 
 
