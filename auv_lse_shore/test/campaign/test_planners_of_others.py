@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import bench
-from benchmarks.planning.planners import grounds
+from benchmarks.planning.planners import grounds, page
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.interface import loaded, made, source_of
 
@@ -55,6 +55,7 @@ def test_a_planner_file_that_cannot_be_loaded_is_named_with_its_line(tmp_path: P
             "def planner():\n    open('/nowhere/weights.npz')\n",
             r"own\.py, line 2, in planner: FileNotFoundError: .*weig",
         ),
+        ("def planner():\n    raise SystemExit('done')\n", r"own\.py, line 2, in planner: SystemExit: done"),
         ("def planner():\n    pass\n", r"planner\(\) must return an object with path\(view\) .*, not NoneType"),
         (
             EAST.replace("    replan_legs = None\n", ""),
@@ -129,3 +130,16 @@ def test_the_planner_of_the_page_about_methods_can_be_flown(tmp_path: Path) -> N
     for flown in figures:
         flown.pop("cpu_s")
     assert figures[0] == figures[1] != figures[2]
+
+
+def test_the_page_names_the_number_of_missions_where_some_have_no_value() -> None:
+    common = {"ground": "a", "role": "tuning", "simulation": "light", "vehicles": 1, "legs": 9, "found": [0.5] * 12}
+    values = {"to_80": 1.0, "risk": 1.0, "missed_m": 9.0}
+    lines = [
+        {**common, **values, "planner": planner, "seed": seed, "error_m": error_m, "true_loss": loss}
+        for planner, losses in (("line", (0.4, 0.5)), ("plain", (0.8, 0.0)))
+        for seed, error_m, loss in zip((1, 2), (3.0, float("nan")), losses, strict=True)
+    ]
+    text = page.page(lines, ["plain"])
+    assert text.count("| 3.0 (1 of 2 missions) |") == 2
+    assert "| 0.50 (1 of 2 pairs) |" in text

@@ -330,8 +330,8 @@ def _move_starts(settings: Settings) -> tuple[Settings, list[str]]:
         overrides[f"auv{number}.vehicle.start_north_m"] = float(location[0])
         overrides[f"auv{number}.vehicle.start_east_m"] = float(location[1])
         notes.append(
-            f"{START_MOVED}auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable water; "
-            f"moved {np.hypot(*(location - start)):.0f} m to north {location[0]:g}, east {location[1]:g} m"
+            f"{START_MOVED}auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable "
+            f"water; moved {np.hypot(*(location - start)):.0f} m to north {location[0]:g}, east {location[1]:g} m"
         )
     if len(notes) > 1 and len({note.split(": ", 1)[1] for note in notes}) == 1:
         notes = [notes[0].replace(f"{START_MOVED}auv1", f"{START_MOVED}every vehicle")]

@@ -208,7 +208,7 @@ def _call(call: Callable[[], Any], where: str) -> Any:
     """What code of others returns; its errors as ValueError with the last line of its file that ran."""
     try:
         return call()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not _is_machinery(frame.filename)]
         lines = [frame for frame in frames if frame.filename == frames[0].filename]
         at = f"{lines[-1].filename}, line {lines[-1].lineno}, in {lines[-1].name}: " if lines else ""

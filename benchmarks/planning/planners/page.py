@@ -94,9 +94,14 @@ def _means(rows: Sequence[Row]) -> list[str]:
         for key, _, digits in COLUMNS:
             known = [row[key] for row in mine if row.get(key) is not None and row[key] == row[key]]
             value = max(known, default=0.0) if key in LARGEST else sum(known) / max(len(known), 1)
-            cells.append(f"{value:.{digits}f}" if known else "")
+            cells.append(f"{value:.{digits}f}{_share(known, mine, 'missions')}" if known else "")
         text.append("| " + " | ".join(cells) + " |")
     return text
+
+
+def _share(known: Sequence[Any], everything: Sequence[Any], what: str) -> str:
+    """How many missions or pairs a figure is of, if some have no value."""
+    return f" ({len(known)} of {len(everything)} {what})" if 0 < len(known) < len(everything) else ""
 
 
 def _paired(rows: Sequence[Row], other: str) -> list[str]:
@@ -105,7 +110,12 @@ def _paired(rows: Sequence[Row], other: str) -> list[str]:
     if not theirs or not names:
         return []
     head = ["planner", "pairs", *(title for _, title in PAIRED), *(f"{title}, ratio" for _, title in RATIOS)]
-    text = ["", f"Against `{other}`, mean with its 95 % interval:", "", "| " + " | ".join(head) + " |"]
+    text = [
+        "",
+        f"Against `{other}`, mean with its 95 % interval over pairs, one for each ground and seed, taken as independent:",
+        "",
+        "| " + " | ".join(head) + " |",
+    ]
     text.append("|" + "---|" * len(head))
     for name in names:
         pairs = [
@@ -118,7 +128,7 @@ def _paired(rows: Sequence[Row], other: str) -> list[str]:
         cells = [name, str(len(pairs))]
         cells += [_interval([a[key] - b[key] for a, b in pairs], "+.2f") for key, _ in PAIRED]
         ratios = [[a[key] / b[key] for a, b in pairs if b.get(key, 0.0) > 0.0] for key, _ in RATIOS]
-        cells += [_interval(values, ".2f") for values in ratios]
+        cells += [_interval(values, ".2f") + _share(values, pairs, "pairs") for values in ratios]
         text.append("| " + " | ".join(cells) + " |")
     return text
 
