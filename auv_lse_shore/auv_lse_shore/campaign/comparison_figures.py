@@ -1,6 +1,5 @@
 """Figures that compare settings over seeds: dots with intervals, curves over steps, and sweeps of one parameter."""
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -12,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from auv_lse_shore.campaign.rows import Row, known_values, mean_of
 from auv_lse_shore.campaign.statistics import interval
-from auv_lse_shore.report.figures import COLORS, DASHES, WIDTH_IN, add_grid, new_figure, styled
+from auv_lse_shore.report.figures import COLORS, DASHES, WIDTH_IN, add_grid, legend_below, new_figure, styled
 
 #: Measures in which settings are compared: column, heading, and whether more is better.
 MEASURES: tuple[tuple[str, str, bool], ...] = (
@@ -96,7 +95,7 @@ def _dots(axis: Any, values: Sequence[float], index: int, rng: np.random.Generat
 def curves(groups: Mapping[str, Sequence[Row]], columns: Sequence[tuple[str, str]]) -> Figure:
     """Two curves over steps, with the labels of their axes: means of the first `MAX_CURVES` settings."""
     shown = list(groups.items())[:MAX_CURVES]
-    figure = new_figure(WIDTH_IN, 2.9 + 0.17 * ((len(shown) + 2) // 3))
+    figure = new_figure(WIDTH_IN, 3.1)
     axes = figure.subplots(1, 2)
     for axis, (column, label) in zip(axes, columns, strict=True):
         for index, (_, rows) in enumerate(shown):
@@ -109,7 +108,7 @@ def curves(groups: Mapping[str, Sequence[Row]], columns: Sequence[tuple[str, str
         add_grid(axis)
     if len(groups) > 1:
         handles = [Line2D([], [], label=name, **_line(i)) for i, (name, _) in enumerate(shown)]
-        figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7.0, handlelength=2.4)
+        legend_below(figure, handles, 3, fontsize=7.0, handlelength=2.4)
     return figure
 
 
@@ -139,19 +138,19 @@ def sweep_figure(
     figure = new_figure(WIDTH_IN, 2.3 if len(lines) < 2 else 2.6)
     axes = figure.subplots(1, len(columns))
     for axis, column in zip(axes, columns, strict=True):
-        for color, points in zip(itertools.cycle(COLORS), lines.values()):
+        for index, points in enumerate(lines.values()):
             points = sorted(points, key=lambda p: p[0])
             at, means = [x for x, _ in points], [mean_of(rows, column) for _, rows in points]
-            axis.plot(at, [m.mean for m in means], "o-", ms=3.5, lw=1.3, color=color)
+            axis.plot(at, [m.mean for m in means], marker="o", ms=3.5, **_line(index))
             low = [m.low if math.isfinite(m.low) else m.mean for m in means]
             high = [m.high if math.isfinite(m.high) else m.mean for m in means]
-            axis.fill_between(at, low, high, color=color, alpha=0.15, lw=0)
+            axis.fill_between(at, low, high, color=COLORS[index % len(COLORS)], alpha=0.15, lw=0)
         axis.set_ylim(*_range(column, [rows for points in lines.values() for _, rows in points]))
         axis.set_title(_title(column), fontsize=8.5)
         axis.set_xlabel(label)
         add_grid(axis)
         axis.locator_params(nbins=4)
     if len(lines) > 1:
-        handles = [Line2D([], [], color=c, marker="o", ms=3.5, label=n) for c, n in zip(itertools.cycle(COLORS), lines)]
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(4, len(lines)), fontsize=7.5)
+        handles = [Line2D([], [], marker="o", ms=3.5, label=name, **_line(i)) for i, name in enumerate(lines)]
+        legend_below(figure, handles, 4, fontsize=7.5)
     return figure

@@ -8,16 +8,18 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_shore.campaign.comparison_figures import (
     HEADINGS,
     MAIN,
     MAP_CURVES,
+    MAX_CURVES,
     MEASURES,
     comparison,
     curves,
     sweep_figure,
 )
-from auv_lse_shore.campaign.reliability_figure import reliability_figure
+from auv_lse_shore.campaign.reliability_figure import MAX_SETTINGS, reliability_figure
 from auv_lse_shore.campaign.rows import Row, Rows, by_group, by_seed, columns_of, mean_of, rows_of, value_of
 from auv_lse_shore.campaign.runner import CampaignState
 from auv_lse_shore.campaign.spec import CampaignSpec
@@ -29,6 +31,8 @@ from auv_lse_shore.report.page import embed, number, render
 _COMPARISON = (
     "Every setting: each seed's result (dots), the mean and its 95 % confidence interval, which a panel may cut off."
 )
+#: Most settings that the page names as no worse than the best.
+_NAMED = 5
 #: Parameters that change the ground of a seed.
 _GROUND = ("sim.lake.", "sim.bathymetry.")
 _CURVES = (
@@ -89,13 +93,18 @@ def _figures(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]]) -> Iterato
     if not groups:
         return
     yield "comparison.png", comparison(groups), _COMPARISON
-    yield "risk_curves.png", curves(groups, MAP_CURVES), _CURVES
+    yield "risk_curves.png", curves(groups, MAP_CURVES), _CURVES + _first(MAX_CURVES, groups)
     if (reliability := reliability_figure(groups)) is not None:
-        yield "reliability.png", reliability, _RELIABILITY
+        yield "reliability.png", reliability, _RELIABILITY + _first(MAX_SETTINGS, groups)
     for name in spec.varied:
         if (figure := sweep(spec, groups, name)) is not None:
             caption = f"Mean and 95 % confidence interval over seeds against {name}."
             yield f"sweep_{name.replace('.', '_')}.png", figure, caption
+
+
+def _first(most: int, groups: Mapping[str, Sequence[Row]]) -> str:
+    """A sentence on the settings that a figure leaves out; "" if it shows all."""
+    return f" Only the first {most} of the {len(groups)} settings are shown." if len(groups) > most else ""
 
 
 def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) -> Figure | None:
@@ -132,9 +141,11 @@ def _best(groups: Mapping[str, Sequence[Row]]) -> Iterator[tuple[str, str]]:
         best = (max if more else min)(means, key=lambda name: means[name])
         apart = {label: paired(own, values[best]) for label, own in values.items()}
         tied = [label for label, d in apart.items() if label != best and not (d.low > 0.0 or d.high < 0.0)]
-        others = f" (not significantly better than {'; '.join(tied)})" if tied else ""
-        most = max(map(len, groups.values()))
+        names = "; ".join(tied) if len(tied) <= _NAMED else f"{len(tied)} others"
+        others = f" (not significantly better than {names})" if tied else ""
+        most, lacking = max(map(len, groups.values())), len(groups) - len(known)
         over = f", over the {len(shared)} of {most} seeds with a value for every setting" if len(shared) < most else ""
+        over += f" ({counted(lacking, 'setting')} {'has' if lacking == 1 else 'have'} no value)" if lacking else ""
         yield number(means[best]), f"best mean {heading}{over}: {best}{others}"
 
 

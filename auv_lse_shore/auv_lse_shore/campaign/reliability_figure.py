@@ -11,8 +11,9 @@ from auv_lse_shore.campaign.rows import Row
 from auv_lse_shore.campaign.statistics import bootstrap
 from auv_lse_shore.judge.quantity_names import P_DEEP
 from auv_lse_shore.judge.reliability import EDGES, Reliability
-from auv_lse_shore.report.figures import COLORS, WIDTH_IN, add_grid, new_figure, styled
+from auv_lse_shore.report.figures import COLORS, WIDTH_IN, add_grid, legend_below, new_figure, styled
 
+#: Number of settings that the figure shows.
 MAX_SETTINGS = 8
 #: Resamples of the bootstrap over missions. Locations of one lake are alike, so missions are resampled, not locations.
 RESAMPLES = 400
@@ -42,12 +43,13 @@ def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
     left, right = figure.subplots(1, 2)
     left.plot([0, 1], [0, 1], color="black", lw=0.8, ls=(0, (2, 2)))
     handles = []
-    for color, parts in zip(COLORS, list(known.values())[:MAX_SETTINGS], strict=False):
+    for color, (name, parts) in zip(COLORS, list(known.items())[:MAX_SETTINGS], strict=False):
         pooled = Reliability.together(parts)
         low, high = _limits(parts)
         has = np.isfinite(pooled.shares)
         left.fill_between(pooled.probabilities[has], low[has], high[has], color=color, alpha=0.13, lw=0)
-        (line,) = left.plot(pooled.probabilities[has], pooled.shares[has], "o-", ms=3.5, lw=1.3, color=color)
+        style = {"ms": 3.5, "lw": 1.3, "color": color, "label": name}
+        (line,) = left.plot(pooled.probabilities[has], pooled.shares[has], "o-", **style)
         right.stairs(np.array(pooled.cells) / max(sum(pooled.cells), 1.0), range(len(EDGES)), color=color, lw=1.3)
         handles.append(line)
     left.set_xlabel(f"{P_DEEP} reported by the map")
@@ -59,7 +61,7 @@ def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
     right.set_ylabel("share of all locations")
     for axis in (left, right):
         add_grid(axis)
-    figure.legend(handles, list(known)[:MAX_SETTINGS], loc="outside lower center", ncols=3, fontsize=7.0)
+    legend_below(figure, handles, 3, fontsize=7.0)
     return figure
 
 

@@ -52,6 +52,8 @@ STYLE = {
 WIDTH_IN = 7.3
 DPI = 200
 LEGEND_COLUMNS = 7
+#: Height (in) of a line of a legend.
+_LINE_IN = 0.17
 #: Largest ratio of a map's sides; a longer area is stretched across.
 MAX_ASPECT = 4.0
 
@@ -339,9 +341,23 @@ def isobath_handle(kind: str, label: str) -> Line2D:
     return Line2D([], [], label=label, **_isobath_style(kind, 1.2))
 
 
+def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **style: Any) -> None:
+    """Adds a legend below a figure, which grows by each line after the first.
+
+    Args:
+        columns: Largest number of columns; wide labels have fewer, so that the figure cuts none off.
+    """
+    for count in range(min(columns, len(handles)), 0, -1):
+        legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=count, **style)
+        if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()
+    figure.set_figheight(figure.get_figheight() + _LINE_IN * (math.ceil(len(handles) / count) - 1))
+
+
 def legend_in(handles: Sequence[Any]) -> float:
     """Height (in) of a `map_legend` after its first line."""
-    return 0.17 * ((len(handles) - 1) // LEGEND_COLUMNS)
+    return _LINE_IN * ((len(handles) - 1) // LEGEND_COLUMNS)
 
 
 def map_handles(e: Evaluation, *, truth: bool, estimate: bool) -> list[Any]:

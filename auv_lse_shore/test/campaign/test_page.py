@@ -3,8 +3,8 @@
 import pytest
 from sim_helpers import spec_of
 
-from auv_lse_shore.campaign.comparison_figures import MAP_CURVES, PAPER_CURVES, curves
-from auv_lse_shore.campaign.page import _best, _mean, write_page
+from auv_lse_shore.campaign.comparison_figures import MAP_CURVES, PAPER_CURVES, curves, sweep_figure
+from auv_lse_shore.campaign.page import _best, _figures, _mean, write_page
 
 SEEDS = range(1, 9)
 
@@ -28,13 +28,42 @@ def test_a_best_setting_within_the_noise_is_reported_as_such(noise, words):
 def test_the_best_setting_is_chosen_over_the_seeds_of_which_all_have_a_value():
     lucky = [{**row, "isobath_error_m": row["isobath_error_m"] if row["seed"] < 3 else None} for row in rows(0.5, 0.0)]
     ((value, meaning),) = _best({"steady": rows(0.0, 0.0), "lucky": lucky, "never": [{"seed": 1}]})
-    words = "best mean isobath error, whole line (m), over the 2 of 8 seeds with a value for every setting: steady"
-    assert meaning.startswith(words)
+    words = "best mean isobath error, whole line (m), over the 2 of 8 seeds with a value for every setting"
+    assert meaning.startswith(f"{words} (1 setting has no value): steady")
     assert float(value) == pytest.approx(11.5)
 
 
 def test_settings_without_a_common_seed_are_not_compared():
     assert not list(_best({"a": rows(0.0, 0.0)[:4], "b": rows(0.0, 0.0)[4:]}))
+
+
+def test_many_settings_within_the_noise_are_counted():
+    ((_, meaning),) = _best({str(number): rows(0.0, 0.1 * number) for number in range(8)})
+    assert meaning.endswith("(not significantly better than 7 others)")
+
+
+@pytest.mark.parametrize("draw", ["curves", "sweep"])
+def test_a_legend_of_long_names_fits_its_figure(draw):
+    names = [f"a label of thirty characters, method lawnmower {number}" for number in range(10)]
+    if draw == "curves":
+        figure = curves({name: [{"seed": s, "risk": [3.0, 2.0]} for s in SEEDS] for name in names}, MAP_CURVES)
+    else:
+        figure = sweep_figure({name: [(0.0, rows(0.0, 0.1)), (1.0, rows(0.0, 0.1))] for name in names}, "loss")
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert 0.0 <= box.y0 < box.y1 <= figure.bbox.height
+    assert all(axis.get_window_extent().height > 100.0 for axis in figure.axes)
+    styles = {(line.get_color(), line.get_linestyle()) for line in legend.get_lines()}
+    assert len(styles) == len(names), "lines of the same color differ in their dashes"
+
+
+def test_a_figure_that_leaves_settings_out_says_how_many(tmp_path):
+    spec = spec_of(tmp_path, grid={"planner.horizon": list(range(1, 18))})
+    groups = {label: [{"seed": 1, "risk": [3.0, 2.0], "status": "ok"}] for label, _ in spec.settings}
+    captions = {name: caption for name, _, caption in _figures(spec, groups)}
+    assert captions["risk_curves.png"].endswith(" Only the first 16 of the 17 settings are shown.")
 
 
 def test_a_mean_over_fewer_seeds_shows_their_number():

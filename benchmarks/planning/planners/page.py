@@ -112,7 +112,7 @@ def _paired(rows: Sequence[Row], other: str) -> list[str]:
     head = ["planner", "pairs", *(title for _, title in PAIRED), *(f"{title}, ratio" for _, title in RATIOS)]
     text = [
         "",
-        f"Against `{other}`, mean with its 95 % interval over pairs, one for each ground and seed, taken as independent:",
+        f"Against `{other}`, mean with its 95 % interval over pairs (a ground and a seed each), taken as independent:",
         "",
         "| " + " | ".join(head) + " |",
     ]
