@@ -14,8 +14,9 @@ from auv_lse_shore.campaign.rerun import rerun
 from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import locked, run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
+from auv_lse_sim.ground.ground import GroundError
 
-ERRORS = (ParameterError, CampaignError, OSError)
+ERRORS = (ParameterError, CampaignError, GroundError, OSError)
 INTERRUPTED = "stopped; finished missions are kept. Run the same command again to continue"
 
 

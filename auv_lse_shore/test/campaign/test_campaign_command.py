@@ -11,11 +11,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from sim_helpers import TINY
+from sim_helpers import TINY, spec_of
 from verb_main import verb_main
 
 from auv_lse_shore.campaign import command
 from auv_lse_shore.campaign.cluster import CampaignError
+from auv_lse_shore.campaign.mission_row import mission_row
 from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
@@ -56,6 +57,14 @@ def test_the_command_names_folder_and_ids(tmp_path, capsys):
     assert main(["--rerun", "abc", "--out", str(out)]) == 2
     assert "0 missions of" in (text := capsys.readouterr().err)
     assert "--list shows the ids" in text
+
+
+def test_a_mission_that_fails_again_names_its_error(tmp_path, capsys):
+    spec = spec_of(tmp_path, set={**TINY, "vehicle.min_water_m": 900.0})
+    (job,) = spec.jobs()
+    Rows(tmp_path, columns_of(spec)).write(mission_row(job))
+    assert main(["--rerun", job.id, "--out", str(tmp_path)]) == 2
+    assert "error: area: the requested area (6.2 ha) has no known water of 904 m" in capsys.readouterr().err
 
 
 def test_the_command_reports_errors(tmp_path, capsys):
