@@ -416,6 +416,11 @@ def test_a_changed_planner_or_ground_is_flown_again_and_nothing_twice(tmp_path: 
     (tmp_path / "own.py").write_text(text)
     assert len(flown_lines(tmp_path, "--vehicles", "1", "1")) == 1
     assert len(flown_lines(tmp_path)) == 1
+    results = tmp_path / "results.jsonl"
+    results.write_text(2 * results.read_text())  # two commands at once
+    flown_lines(tmp_path)
+    assert (tmp_path / "page.md").read_text().splitlines()[2].startswith("1 mission over 1 ground for")
+    results.write_text(results.read_text().splitlines()[0] + "\n")
     (tmp_path / "own.py").write_text(text.replace("60.0", "-60.0"))
     assert len(flown_lines(tmp_path)) == 2
     assert len(flown_lines(tmp_path, seed=2)) == 3

@@ -68,7 +68,8 @@ def run(options: argparse.Namespace) -> int:
     for line in fly(flown, jobs, options.out, options.processes):
         _say(f"{line['ground']} {line['vehicles']} {line['planner']} found {line['found'][-1]:.2f}")
     wanted = {_id(line) for line in asked}
-    text = page([line for line in read_lines(options.out) if _id(line) in wanted], options.against)
+    lines = {_id(line): line for line in read_lines(options.out)}  # two commands at once may fly a mission twice
+    text = page([line for known, line in lines.items() if known in wanted], options.against)
     if options.page:
         options.page.write_text(text)
     else:
