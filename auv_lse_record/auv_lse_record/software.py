@@ -2,7 +2,7 @@
 
 import functools
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +23,11 @@ def version() -> str:
     except (OSError, subprocess.SubprocessError):
         found = ""
     return found or metadata.version("auv_lse_record")
+
+
+def other_versions(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Versions, as text, of results (`version`) that are not those of the running code; "" if all are."""
+    return ", ".join(sorted({str(row.get("version") or "unknown") for row in rows} - {version()}))
 
 
 def mission_text(arguments: Sequence[str], parameters: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from auv_lse_record.software import version
+from auv_lse_record.software import other_versions, version
 from auv_lse_shore.campaign.cluster import CampaignError, lost_cluster_is_an_error
 from auv_lse_shore.campaign.mission_row import failed_row, mission_row
 from auv_lse_shore.campaign.rows import Rows, columns_of, rows_of
@@ -154,9 +154,9 @@ class _Queue:
 
 
 def _report_versions(rows: Sequence[Mapping[str, Any]]) -> None:
-    others = sorted({str(row.get("version") or "unknown") for row in rows} - {version()})
+    others = other_versions(rows)
     if others:
-        print(f"{len(rows)} rows come from version {', '.join(others)}; new ones from {version()}", flush=True)
+        print(f"{len(rows)} rows come from version {others}; new ones from {version()}", flush=True)
 
 
 def _finished_row(future: Any, job: Job) -> dict[str, Any]:

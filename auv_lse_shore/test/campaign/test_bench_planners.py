@@ -407,7 +407,9 @@ def flown_lines(tmp_path: Path, *arguments: str, seed: int = 1) -> list[dict[str
     return [json.loads(line) for line in results.read_text().splitlines()]
 
 
-def test_a_changed_planner_or_ground_is_flown_again_and_nothing_twice(tmp_path: Path) -> None:
+def test_a_changed_planner_or_ground_is_flown_again_and_nothing_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = (
         "class East:\n    replan_legs = None\n"
         "    def path(self, view):\n        return view.position_m + [[0.0, 60.0]]\n"
@@ -417,10 +419,14 @@ def test_a_changed_planner_or_ground_is_flown_again_and_nothing_twice(tmp_path: 
     assert len(flown_lines(tmp_path, "--vehicles", "1", "1")) == 1
     assert len(flown_lines(tmp_path)) == 1
     results = tmp_path / "results.jsonl"
-    results.write_text(2 * results.read_text())  # two commands at once
+    assert "version" not in capsys.readouterr().err
+    (line,) = results.read_text().splitlines()
+    results.write_text(json.dumps({**json.loads(line), "version": "0.1"}) + "\n" + line + "\n")  # two commands at once
     flown_lines(tmp_path)
     assert (tmp_path / "page.md").read_text().splitlines()[2].startswith("1 mission over 1 ground for")
-    results.write_text(results.read_text().splitlines()[0] + "\n")
+    results.write_text(json.dumps({**json.loads(line), "version": "0.1"}) + "\n")
+    flown_lines(tmp_path)
+    assert "results.jsonl come from version 0.1; this is " in capsys.readouterr().err
     (tmp_path / "own.py").write_text(text.replace("60.0", "-60.0"))
     assert len(flown_lines(tmp_path)) == 2
     assert len(flown_lines(tmp_path, seed=2)) == 3

@@ -10,6 +10,7 @@ from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import check_file
+from auv_lse_record.software import other_versions, version
 from auv_lse_shore.mission_options import check_option
 from benchmarks.planning.peer_environment import PEER, environment
 from benchmarks.planning.planners.flight import mission
@@ -62,9 +63,11 @@ def run(options: argparse.Namespace) -> int:
             "(3 GB, installed once)."
         )
     python = environment(options.environment.absolute()) if peers else None
-    done = {_id(line) for line in read_lines(options.out)}
+    done = {_id(line): line for line in read_lines(options.out)}
     jobs = [(line, ground_of(grounds, line).parameters, python) for line in asked if _id(line) not in done]
     _say(f"{len(jobs)} missions to fly, {len(asked) - len(jobs)} in {options.out}")
+    if others := other_versions(done[_id(line)] for line in asked if _id(line) in done):
+        _say(f"missions in {options.out} come from version {others}; this is {version()}. Another --out flies all anew")
     for line in fly(flown, jobs, options.out, options.processes):
         _say(f"{line['ground']} {line['vehicles']} {line['planner']} found {line['found'][-1]:.2f}")
     wanted = {_id(line) for line in asked}
@@ -104,7 +107,7 @@ def flown(line: dict[str, Any], parameters: dict[str, Any], python: Path | None)
         found = mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"], python, whole)
     except ValueError as error:
         raise ValueError(f"{line['planner']} on {line['ground']}: {error}") from error
-    return {**line, **found}
+    return {**line, "version": version(), **found}
 
 
 def _line(ground: Ground, planner: str, vehicles: int, seed: int, options: argparse.Namespace) -> dict[str, Any]:
