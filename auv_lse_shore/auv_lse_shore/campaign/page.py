@@ -22,7 +22,7 @@ from auv_lse_shore.campaign.comparison_figures import (
 from auv_lse_shore.campaign.reliability_figure import MAX_SETTINGS, reliability_figure
 from auv_lse_shore.campaign.rows import Row, Rows, by_group, by_seed, columns_of, mean_of, rows_of, value_of
 from auv_lse_shore.campaign.runner import CampaignState
-from auv_lse_shore.campaign.spec import CampaignSpec
+from auv_lse_shore.campaign.spec import CampaignSpec, short
 from auv_lse_shore.campaign.statistics import paired
 from auv_lse_shore.judge.quantity_names import P_DEEP
 from auv_lse_shore.report.figures import save
@@ -117,7 +117,7 @@ def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) ->
     lines: dict[str, list[tuple[float, Sequence[Row]]]] = {}
     for label, rows in groups.items():
         rest = ", ".join(
-            f"{k.split('.')[-1]} {varied[label][k]}" for k in spec.varied if k != name and k in varied[label]
+            short(k, varied[label][k], spec.varied) for k in spec.varied if k != name and k in varied[label]
         )
         lines.setdefault(rest, []).append((float(values[label] or 0.0), rows))
     return sweep_figure(lines, name.split(".")[-1].replace("_", " "))

@@ -117,8 +117,9 @@ class CampaignSpec:
                     raise ParameterError(
                         f"{where}: {', '.join(sorted(both))} is both in grid and in list; keep it in one of them"
                     )
-                parts = [str(label)] if label is not None else [_short(k, v) for k, v in own.items()]
-                parts += [_short(k, v) for k, v in chosen.items()]
+                names = [*own, *chosen]
+                parts = [str(label)] if label is not None else [short(k, v, names) for k, v in own.items()]
+                parts += [short(k, v, names) for k, v in chosen.items()]
                 settings.append((", ".join(parts) or "all", {**common, **own, **chosen}))
         labels = [label for label, _ in settings]
         if len(set(labels)) != len(labels):
@@ -130,12 +131,12 @@ class CampaignSpec:
         for label, values in settings:
             if "mission.seed" in values:
                 raise ParameterError(f"{where}: setting '{label}' sets mission.seed; list seeds under `seeds` instead")
-        names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
+        varied = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
         return cls(
             name=_folder_name(content.get("name") or name, where),
             settings=tuple(settings),
             seeds=_seeds(content.get("seeds", 1), where),
-            varied=tuple(names),
+            varied=tuple(varied),
             base=read_parameter_file(file, read_area) if file is not None else {"/**": {}},
             where=where,
         )
@@ -242,5 +243,7 @@ def _whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
-def _short(name: str, value: Any) -> str:
-    return f"{name.split('.')[-1]} {value}"
+def short(name: str, value: Any, among: Sequence[str]) -> str:
+    """A parameter and its value in few words: by its last name, if that is unique among those of a setting."""
+    last = name.split(".")[-1]
+    return f"{last if sum(other.split('.')[-1] == last for other in among) == 1 else name} {value}"

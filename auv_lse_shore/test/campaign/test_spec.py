@@ -32,6 +32,11 @@ def test_grid_times_list_times_seeds(tmp_path):
     assert len({j.id for j in jobs}) == 16
 
 
+def test_parameters_of_one_last_name_have_their_full_names_in_labels(tmp_path):
+    spec = spec_of(tmp_path, grid={"auv1.planner.method": ["plain"], "auv2.planner.method": ["tour"]})
+    assert [label for label, _ in spec.settings] == ["auv1.planner.method plain, auv2.planner.method tour"]
+
+
 def test_ids_depend_on_the_mission_alone(tmp_path):
     few = {j.id for j in spec_of(tmp_path, grid={"planner.method": ["plain"]}, seeds=2).jobs()}
     more = {j.id for j in spec_of(tmp_path, grid={"planner.method": ["augmented", "plain"]}, seeds=3, name="x").jobs()}
