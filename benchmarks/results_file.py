@@ -6,6 +6,7 @@ import signal
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -48,6 +49,9 @@ def fly(
     """Calls `mission` with the arguments of each job, some at once, and yields each line after it is written.
 
     A terminating signal ends missions under way silently; the lines of the others stay.
+
+    Raises:
+        ValueError: if a process is killed.
     """
     with (
         tempfile.TemporaryDirectory(prefix="auv_lse_flights_") as scratch,
@@ -63,8 +67,13 @@ def fly(
                 file.write(json.dumps(line) + "\n")
                 file.flush()
                 yield line
-        except BaseException:
+        except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in workers:
                 process.terminate()
+            if isinstance(error, BrokenProcessPool):
+                raise ValueError(
+                    f"a mission's process was killed, perhaps for want of memory; {path} keeps the others. Run the "
+                    "same command again with fewer --processes"
+                ) from error
             raise

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 from pathlib import Path
 
 import pytest
 
-from benchmarks import bench
+from benchmarks import bench, results_file
 from benchmarks.planning.planners import grounds, page
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.interface import loaded, made, source_of
@@ -143,3 +144,8 @@ def test_the_page_names_the_number_of_missions_where_some_have_no_value() -> Non
     text = page.page(lines, ["plain"])
     assert text.count("| 3.0 (1 of 2 missions) |") == 2
     assert "| 0.50 (1 of 2 pairs) |" in text
+
+
+def test_a_mission_whose_process_is_killed_is_an_error_with_a_cure(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"a mission's process was killed.*rows\.jsonl keeps the others"):
+        list(results_file.fly(os._exit, [(1,)], tmp_path / "rows.jsonl", 1))
