@@ -116,6 +116,9 @@ def test_what_may_be_missing_is_that_of_the_report(synthetic_run, tmp_path, monk
     run = made(synthetic_run, steps=4)
     assert main([str(write(monkeypatch, run, tmp_path / "run"))]) == 0
     missing, report = certificate(tmp_path / "run")["not_promised"], team_map(run).undiscovered
+    page = (tmp_path / "run" / "certificate" / "certificate.html").read_text()
+    expected = f"{missing['undiscovered_m']:,.0f} m of isobath"
+    assert re.search(rf"Isobath farther than 10 m from the pieces found: {expected} (expected|on average)", page)
     # the pieces found differ by less than a cell at each of their ends
     assert missing["undiscovered_m"] == pytest.approx(report.expected_m, rel=0.005)
     assert missing["undiscovered_limit_m"] == pytest.approx(report.limit_m, rel=0.01)
