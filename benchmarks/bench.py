@@ -62,8 +62,9 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="auv_lse bench",
         description=__doc__,
-        epilog="Exit codes: 0, also if a goal is missed; 1 a group failed, or a part of the default mission takes more "
-        "processor time than its baseline allows (group mission); 2 a wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0, also if a goal is missed; 1 a group or a mission failed, or a part of the default "
+        "mission takes more processor time than its baseline allows (group mission); 2 a wrong command line; 130 "
+        "Ctrl-C.",
     )
     known = f"any of {', '.join(GROUPS)}; default: all; or {PLANNERS} alone"
     p.add_argument("groups", nargs="*", metavar="GROUP", help=known)

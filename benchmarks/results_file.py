@@ -44,14 +44,21 @@ def _begin(scratch: str) -> None:
 
 
 def fly(
-    mission: Callable[..., dict[str, Any]], jobs: Iterable[tuple[Any, ...]], path: Path, processes: int
+    mission: Callable[..., dict[str, Any]],
+    jobs: Iterable[tuple[Any, ...]],
+    path: Path,
+    processes: int,
+    failed: Callable[[ValueError], None] | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Calls `mission` with the arguments of each job, some at once, and yields each line after it is written.
 
     A terminating signal ends missions under way silently; the lines of the others stay.
 
+    Args:
+        failed: Takes the error of a mission, and the others go on; None: the first error ends all.
+
     Raises:
-        ValueError: if a process is killed.
+        ValueError: if a process is killed, or that of a mission without `failed`.
     """
     with (
         tempfile.TemporaryDirectory(prefix="auv_lse_flights_") as scratch,
@@ -63,6 +70,10 @@ def fly(
             futures = [pool.submit(mission, *job) for job in jobs]
             workers += [child for child in multiprocessing.active_children() if child not in others]
             for future in as_completed(futures):
+                error = future.exception()
+                if failed and isinstance(error, ValueError):
+                    failed(error)
+                    continue
                 line = future.result()
                 file.write(json.dumps(line) + "\n")
                 file.flush()

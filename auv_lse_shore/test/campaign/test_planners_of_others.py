@@ -149,3 +149,26 @@ def test_the_page_names_the_number_of_missions_where_some_have_no_value() -> Non
 def test_a_mission_whose_process_is_killed_is_an_error_with_a_cure(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"a mission's process was killed.*rows\.jsonl keeps the others"):
         list(results_file.fly(os._exit, [(1,)], tmp_path / "rows.jsonl", 1))
+
+
+def test_a_mission_that_fails_stops_no_other_and_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manifest, results = tmp_path / "grounds.yaml", tmp_path / "results.jsonl"
+    area_m = [-40.0, -40.0, 200.0, -40.0, 200.0, 200.0, -40.0, 200.0]
+    small = {"area.polygon_m": area_m, "gp.map_resolution_m": 10.0}
+    manifest.write_text(json.dumps({"grounds": [{"name": "small", "role": "tuning", "mission": small}]}))
+    (tmp_path / "east.py").write_text(EAST)
+    (tmp_path / "bad.py").write_text(EAST.replace("60.0", "1 / 0"))
+    planners = [str(tmp_path / "bad.py"), str(tmp_path / "east.py")]
+    words = ["planners", "--grounds", str(manifest), "--role", "tuning", "--out", str(results), "--legs", "2"]
+    options = bench.parser().parse_args([*words, "--processes", "1", "--planners", *planners])
+    assert bench.run(options) == 1
+    (line,) = results.read_text().splitlines()
+    assert json.loads(line)["planner"] == planners[1]
+    printed = capsys.readouterr()
+    assert re.search(r"failed: .*bad\.py on small, seed 1: step 0: .*bad\.py, line 4, in path: ZeroDiv", printed.err)
+    assert printed.err.endswith("1 mission failed; the page has the others\n")
+    assert "1 mission over 1 ground" in printed.out
+    with pytest.raises(ValueError, match=r"bad\.py on small, seed 1: step 0"):  # there is nothing for a page
+        bench.run(bench.parser().parse_args([*words, "--processes", "1", "--planners", planners[0]]))

@@ -10,6 +10,7 @@ from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import check_file
+from auv_lse_common.support.plurals import counted
 from auv_lse_record.software import other_versions, version
 from auv_lse_shore.mission_options import check_option
 from benchmarks.planning.peer_environment import PEER, environment
@@ -23,7 +24,7 @@ from benchmarks.results_file import read as read_lines
 
 
 def run(options: argparse.Namespace) -> int:
-    """Flies the missions that the results file lacks, and writes the page.
+    """Flies the missions that the results file lacks, and writes the page; returns 1 if missions failed.
 
     Raises:
         ValueError: for an unknown planner or ground, a file that is not the one listed, a folder that is missing, a
@@ -63,21 +64,40 @@ def run(options: argparse.Namespace) -> int:
             "(3 GB, installed once)."
         )
     python = environment(options.environment.absolute()) if peers else None
+    failures = _fly_missing(asked, grounds, python, options)
+    wanted = {_id(line) for line in asked}
+    lines = {_id(line): line for line in read_lines(options.out)}  # two commands at once may fly a mission twice
+    flown_lines = [line for known, line in lines.items() if known in wanted]
+    if not flown_lines:
+        raise failures[0]
+    text = page(flown_lines, options.against)
+    if options.page:
+        options.page.write_text(text)
+    else:
+        print(text, end="")
+    if failures:
+        _say(f"{counted(len(failures), 'mission')} failed; the page has the others")
+    return 1 if failures else 0
+
+
+def _fly_missing(
+    asked: list[dict[str, Any]], grounds: list[Ground], python: Path | None, options: argparse.Namespace
+) -> list[ValueError]:
+    """Flies the missions that the results file lacks; the errors of those that fail."""
     done = {_id(line): line for line in read_lines(options.out)}
     jobs = [(line, ground_of(grounds, line).parameters, python) for line in asked if _id(line) not in done]
     _say(f"{len(jobs)} missions to fly, {len(asked) - len(jobs)} in {options.out}")
     if others := other_versions(done[_id(line)] for line in asked if _id(line) in done):
         _say(f"missions in {options.out} come from version {others}; this is {version()}. Another --out flies all anew")
-    for line in fly(flown, jobs, options.out, options.processes):
+    failures: list[ValueError] = []
+
+    def failed(error: ValueError) -> None:
+        failures.append(error)
+        _say(f"failed: {error}")
+
+    for line in fly(flown, jobs, options.out, options.processes, failed):
         _say(f"{line['ground']} {line['vehicles']} {line['planner']} found {line['found'][-1]:.2f}")
-    wanted = {_id(line) for line in asked}
-    lines = {_id(line): line for line in read_lines(options.out)}  # two commands at once may fly a mission twice
-    text = page([line for known, line in lines.items() if known in wanted], options.against)
-    if options.page:
-        options.page.write_text(text)
-    else:
-        print(text, end="")
-    return 0
+    return failures
 
 
 def _say(text: str) -> None:
@@ -106,7 +126,7 @@ def flown(line: dict[str, Any], parameters: dict[str, Any], python: Path | None)
     try:
         found = mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"], python, whole)
     except ValueError as error:
-        raise ValueError(f"{line['planner']} on {line['ground']}: {error}") from error
+        raise ValueError(f"{line['planner']} on {line['ground']}, seed {line['seed']}: {error}") from error
     return {**line, "version": version(), **found}
 
 
