@@ -142,6 +142,7 @@ def test_the_page_names_the_number_of_missions_where_some_have_no_value() -> Non
         for seed, error_m, loss in zip((1, 2), (3.0, float("nan")), losses, strict=True)
     ]
     text = page.page(lines, ["plain"])
+    assert "Each vehicle has 9 legs. *Found*: share of the true isobath within 10 m of the line called found." in text
     assert text.count("| 3.0 (1 of 2 missions) |") == 2
     assert "| 0.50 (1 of 2 pairs) |" in text
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from auv_lse_common.support.plurals import counted
+from auv_lse_gp.level_set.lines import FOUND_WITHIN_M
 from auv_lse_shore.campaign.statistics import interval
 from benchmarks.planning.planners.options import HINDSIGHT
 
@@ -76,7 +77,9 @@ def _preface(lines: Sequence[Row]) -> list[str]:
     return [
         f"{counted(len(lines), 'mission')} over {counted(len(grounds), 'ground')} for {', '.join(roles)}: "
         f"{', '.join(grounds)}. "
-        f"{SIMULATIONS[lines[0]['simulation']]} Distances are shares of the mission's legs; a "
+        f"{SIMULATIONS[lines[0]['simulation']]} Each vehicle has {counted(lines[0]['legs'], 'leg')}. *Found*: share of "
+        f"the true isobath within {FOUND_WITHIN_M:.0f} m of the line called found. *End risk*, *true loss*: cost per "
+        "location. Distances are shares of the mission's legs; a "
         "mission that never gets there counts as 1. *False claims*: share of the line called found that is more "
         f"than 20 m off. *Misses {MISSED_M:.0f} m*: share of missions that miss a connected piece longer than this; "
         "*longest missed*: in the worst of them. *Fell by*: the most by which the share found fell during a mission; "
