@@ -29,7 +29,7 @@ def estimate_s(study: Study, folder: Path, client: Any, threads: int, say: Calla
     left: dict[tuple[str, str], int] = {}
     for name, spec in study.selected.items():
         rows = Rows(folder / name, columns_of(spec)).read()
-        have = {row["id"] for row in rows}
+        have = {row["id"] for row in rows if row["status"] == "ok"}
         for job in spec.jobs():
             if job.id in have:
                 continue
@@ -66,6 +66,8 @@ def run_study(
 ) -> dict[str, CampaignState]:
     """Simulates all campaigns of a study; within a budget, each gets its share of the remaining time.
 
+    Missions that failed earlier are repeated.
+
     Args:
         folder: Its folder; each campaign has one of its name in it.
         client: `distributed.Client` of the cluster.
@@ -83,6 +85,6 @@ def run_study(
         most = "" if math.isinf(study.budget_s) else "as many as the time allows of "
         print(f"{name}: {len(spec.settings)} settings, {most}{len(spec.seeds)} seeds", flush=True)
         with locked(folder / name), progress_display() as show:
-            states[name] = run_campaign(spec, folder / name, client, budget_s=share, progress=show)
+            states[name] = run_campaign(spec, folder / name, client, retry_failed=True, budget_s=share, progress=show)
         finished(name, states[name])
     return states

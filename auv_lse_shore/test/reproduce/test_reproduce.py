@@ -1,6 +1,7 @@
 """The reproduction of the paper in miniature."""
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -10,13 +11,16 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from sim_helpers import TINY
+from sim_helpers import TINY, spec_of
 from verb_main import verb_main
 
 from auv_lse_shore.campaign.cluster import cluster
+from auv_lse_shore.campaign.mission_row import row_head
+from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.reproduce import examples, reproduce
 from auv_lse_shore.reproduce import study as studies
 from auv_lse_shore.reproduce.study import quick_study
+from auv_lse_shore.reproduce.study_runner import run_study
 
 main = verb_main("reproduce")
 
@@ -79,6 +83,15 @@ def test_an_example_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, fails):
         "examples",
         *([] if fails else ["examples/a", "examples/a/report.html"]),
     ], "a folder that a killed process left is removed"
+
+
+def test_missions_that_failed_are_repeated_when_a_reproduction_continues(tmp_path, client):
+    spec = spec_of(tmp_path, seeds=1)
+    (job,) = spec.jobs()
+    Rows(tmp_path / "trials", columns_of(spec)).write({**row_head(job), "status": "failed", "error": "killed"})
+    study = SimpleNamespace(selected={"trials": spec}, budget_s=math.inf)
+    state = run_study(study, tmp_path, client, lambda name, state: None)["trials"]
+    assert (state.before, state.done, state.failed) == (0, 1, 0)
 
 
 def test_an_estimate_of_the_small_version_simulates_and_writes_nothing(tmp_path, monkeypatch, capsys, client):
