@@ -173,3 +173,22 @@ def test_a_mission_that_fails_stops_no_other_and_is_reported(
     assert "1 mission over 1 ground" in printed.out
     with pytest.raises(ValueError, match=r"bad\.py on small, seed 1: step 0"):  # there is nothing for a page
         bench.run(bench.parser().parse_args([*words, "--processes", "1", "--planners", planners[0]]))
+
+
+def test_a_planner_may_write_to_what_it_gets(tmp_path: Path) -> None:
+    small = {"area.polygon_m": [-40.0, -40.0, 200.0, -40.0, 200.0, 200.0, -40.0, 200.0], "gp.map_resolution_m": 10.0}
+    ambiguous = (
+        "import numpy as np\nclass Own:\n    replan_legs = 1\n    def path(self, view):\n"
+        "        mean_m, variance_m2 = view.posterior.moments(view.cells_m)\n"
+        "        best = np.argmax(np.sqrt(variance_m2) - abs(mean_m - view.level_m) + view.depths_m.sum())\n"
+        "        answer = view.cells_m[[best]]\n{}        return answer\n"
+        "def planner():\n    return Own()\n"
+    )
+    arrays = ("locations_m", "depths_m", "noise_std_m", "cells_m", "position_m")
+    scribble = "".join(f"        view.{name}[:] = 1.0\n" for name in arrays)
+    figures = []
+    for name, lines in (("tidy.py", ""), ("scribbles.py", scribble)):
+        (tmp_path / name).write_text(ambiguous.format(lines))
+        figures.append(mission(str(tmp_path / name), small, 1, 1, 8))
+        figures[-1].pop("cpu_s")
+    assert figures[0] == figures[1]

@@ -48,14 +48,14 @@ GROUP = "auv_lse.planners"
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """The knowledge of a planner.
+    """The knowledge of a planner. Arrays are copies.
 
     Attributes:
         locations_m: Soundings: north, east (n, 2), those of mates that were received among them.
         depths_m: Their depths (n,).
         noise_std_m: Their standard deviations (n,).
         prior: The prior of the depth.
-        posterior: The judge's posterior, for planners without one of their own.
+        posterior: The vehicle's posterior, which a planner must not write to; `with_planned` makes another one.
         level_m: Depth of the isobath.
         area: Operating area with no-go areas; vehicles keep `area.margin_m` from its border.
         cells_m: Centers (P, 2) of cells of the area, 20 m apart, without those too close to its border for a vehicle.
@@ -166,15 +166,15 @@ class Steered(PathMethod):
         known, area = context.posterior.centers, OperatingArea(settings.area)
         cells_m = context.map_grid.locations_m
         return View(
-            locations_m=known.locations_m,
-            depths_m=known.depths_m,
-            noise_std_m=known.noise_std_m,
+            locations_m=known.locations_m.copy(),
+            depths_m=known.depths_m.copy(),
+            noise_std_m=known.noise_std_m.copy(),
             prior=settings.gp,
             posterior=context.posterior,
             level_m=settings.level_set.level_m,
             area=area,
             cells_m=cells_m[area.clearance_m(cells_m) >= area.margin_m],
-            position_m=np.asarray(s.state[1:], dtype=float),
+            position_m=np.array(s.state[1:], dtype=float),
             heading_rad=float(s.state[0]),
             legs_left=context.rollout.steps - s.step,
             leg_m=context.space.motion.leg_length_m,
