@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.campaign import spec as campaign_spec
 from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, cluster
@@ -59,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         with cluster(options.scheduler, options.workers) as client, progress_display() as show:
             state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
         page = write_results(spec, folder, state)
-    print(f"{state.done} missions simulated, {state.before} already there, {state.failed} failed; {page}")
+    print(f"{counted(state.done, 'mission')} simulated, {state.before} already there, {state.failed} failed; {page}")
     return 1 if state.failed else 0
 
 

@@ -72,8 +72,9 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
             "campaign.html",
             "auv_lse_shore.campaign",
             title=f"Campaign {spec.name}",
-            subtitle=f"{len(spec.settings)} settings, {len(spec.seeds)} seeds, {len(spec.settings) * len(spec.seeds)} "
-            f"missions; {sum(map(len, groups.values()))} finished, {len(failed)} failed.",
+            subtitle=f"{counted(len(spec.settings), 'setting')}, {counted(len(spec.seeds), 'seed')}, "
+            f"{counted(len(spec.settings) * len(spec.seeds), 'mission')}; "
+            f"{sum(map(len, groups.values()))} finished, {len(failed)} failed.",
             cards=list(_best(groups)),
             same_lakes=not any(name.startswith(_GROUND) for name in spec.varied),
             header=["setting", "seeds", *HEADINGS.values()],

@@ -28,7 +28,7 @@ def test_the_command_simulates_and_lists(tmp_path, capsys):
     file = tmp_path / "tiny.yaml"
     file.write_text(yaml.safe_dump({"set": TINY, "seeds": 1}))
     assert main([str(file), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
-    assert "1 missions simulated, 0 already there, 0 failed" in capsys.readouterr().out
+    assert "1 mission simulated, 0 already there, 0 failed" in capsys.readouterr().out
     assert main([str(file), "--out", str(tmp_path / "out"), "--list"]) == 0
     assert re.match(r"[0-9a-f]{16}  ok      seed 1", capsys.readouterr().out)
 

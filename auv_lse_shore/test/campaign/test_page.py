@@ -89,3 +89,4 @@ def test_the_labels_of_curves_fit_their_figure(columns):
 def test_settings_share_their_lakes_only_if_they_do_not_vary_them(tmp_path, grid, same):
     text = write_page(spec_of(tmp_path, grid=grid), [], tmp_path).read_text()
     assert ("All settings share the same lakes." in text) == same
+    assert "2 settings, 1 seed, 2 missions; 0 finished" in text
