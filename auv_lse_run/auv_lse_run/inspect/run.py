@@ -99,7 +99,8 @@ def run_send(options: argparse.Namespace, graph: Any) -> int:
     if not answered and not failed:
         raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
     if names is None or len(names) > 1:
-        print(f"acknowledged by {len(answered)}: {', '.join(answered) or 'none'}")
+        accepted = [name for name in answered if name not in failed]
+        print(f"accepted by {len(accepted)}: {', '.join(accepted) or 'none'}")
     return int(bool(failed))
 
 
@@ -107,7 +108,8 @@ def _wait_for_restart(calls: Any, graph: Any, names: list[str] | None) -> None:
     """Sends a stop also to the vehicles whose safety_node hangs or has died, once it is back."""
     from auv_lse_run.inspect.mission_calls_node import without_safety_node
 
-    mute = [name for name in without_safety_node(graph.nodes()) if names is None or name in names]
+    silent = [name for name in without_safety_node(graph.nodes()) if name not in calls.acknowledged]
+    mute = [name for name in silent if names is None or name in names]
     if mute:
         why = f"its safety_node hangs or is not running; waiting up to {_RESTART_S:g} s for its restart"
         print(*(f"{name}: {why}" for name in mute), sep="\n", file=sys.stderr, flush=True)

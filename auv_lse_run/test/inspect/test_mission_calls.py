@@ -28,6 +28,7 @@ class _Vehicle:
 
     def __init__(self, graph: _Graph, from_s: float, deaf: int) -> None:
         self._graph, self.from_s, self._deaf = graph, from_s, deaf
+        self.is_accepting = True
         self.calls_s: list[float] = []
         self.requests: list[Any] = []
 
@@ -39,7 +40,7 @@ class _Vehicle:
         self.requests.append(request)
         is_heard = len(self.calls_s) > self._deaf
         clock_s = self._graph.now_s + AHEAD_S
-        answer = SimpleNamespace(accepted=True, message="ABORTED: ABORT by me", clock_s=clock_s)
+        answer = SimpleNamespace(accepted=self.is_accepting, message="ABORTED: ABORT by me", clock_s=clock_s)
         return SimpleNamespace(done=lambda: is_heard, result=lambda: answer)
 
 
@@ -86,7 +87,7 @@ def test_a_command_goes_out_as_soon_as_each_vehicle_is_matched(
     assert graph.run("all") == 0
     for name, vehicle in graph.vehicles.items():
         assert vehicle.calls_s == [pytest.approx(vehicle.from_s, abs=0.06)], name
-    assert capsys.readouterr().out.splitlines()[-1] == "acknowledged by 3: auv1, auv2, auv3"
+    assert capsys.readouterr().out.splitlines()[-1] == "accepted by 3: auv1, auv2, auv3"
 
 
 def test_a_command_to_named_vehicles_ends_with_the_last_answer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +104,7 @@ def test_a_command_without_an_answer_is_repeated_and_a_silent_vehicle_reported(
     assert graph.run("auv1", "auv2", "auv7", "..") == 1
     assert graph.vehicles["auv1"].calls_s == pytest.approx([0.1, 1.1, 2.1], abs=0.16)
     printed = capsys.readouterr()
-    assert printed.out.splitlines() == ["auv1: ABORTED: ABORT by me", "acknowledged by 1: auv1"]
+    assert printed.out.splitlines() == ["auv1: ABORTED: ABORT by me", "accepted by 1: auv1"]
     assert printed.err.splitlines() == [
         "..: error: not found; running: auv1, auv2",
         "auv2: error: no answer. It may still act on ABORT: see auv_lse state",
@@ -137,11 +138,32 @@ def test_a_vehicle_whose_safety_node_hangs_is_named(
         )
         assert graph.run(*words) == 1
         printed = capsys.readouterr()
-        assert "acknowledged by 1: auv1" in printed.out
+        assert "accepted by 1: auv1" in printed.out
         waiting, failed = printed.err.splitlines()
         assert waiting == "auv2: its safety_node hangs or is not running; waiting up to 20 s for its restart"
         assert failed.startswith("auv2: error: its safety_node, which takes commands, hangs or is not running")
         assert "auv3" not in printed.err, "a user's driver"
+
+
+def test_a_vehicle_that_has_answered_does_not_hang_although_the_name_of_its_safety_node_is_not_known_yet(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 0)})
+    nodes = graph.nodes
+    monkeypatch.setattr(graph, "nodes", lambda hidden=False: [*nodes(), "/auv1/gp_node"])
+    assert graph.run("auv1", verb="hold") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_vehicle_that_refuses_is_not_counted_as_accepting(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 0), "auv2": (0.1, 0)})
+    graph.vehicles["auv1"].is_accepting = False
+    assert graph.run("auv1", "auv2", verb="go") == 1
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[-1] == "accepted by 1: auv2"
+    assert printed.err.startswith("auv1: refused: ")
 
 
 @pytest.mark.parametrize(("verb", "calls"), [("hold", 1), ("go", 0)])
