@@ -271,9 +271,8 @@ def _sides(e: Evaluation) -> str:
 def _unreachable(s: Summary) -> str:
     if not s.unreachable_m2:
         return ""
-    share = _percent(s.unreachable_m2 / (s.unreachable_m2 + s.area_m2))
     return (
-        f"{area_size(s.unreachable_m2)} ({share}) of the area cannot be reached from the starts: no safe turn and no "
+        f"{area_size(s.unreachable_m2)} of the area cannot be reached from the starts: no safe turn and no "
         "leg leads there. No figure includes it."
     )
 

@@ -151,7 +151,7 @@ def test_ground_that_cannot_be_reached_is_reported_and_drawn_apart_from_no_go_ar
     findings = Findings()
     settings = check_geometry(Settings.load(path), findings)
     (text,) = (text for level, text in findings.rows if level == "warning" and "cannot be reached" in text)
-    assert "49 % of it (2.2 ha)" in text
+    assert "50 % of it (2.3 ha)" in text
     assert "coverage: 1 vehicle x 20 steps, 0.5 km of path in 0.02 km2" in " ".join(text for _, text in findings.rows)
     figure = mission_figure(settings, "a gate")
     assert [text.get_text() for text in figure.legends[0].get_texts()].count("cannot be reached") == 1

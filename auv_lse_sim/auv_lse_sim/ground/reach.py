@@ -5,7 +5,7 @@ import shapely
 from contourpy import contour_generator
 from scipy import ndimage
 
-from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
+from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea, free_m2
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.arrays import Mask
 from auv_lse_common.support.plurals import area_size
@@ -51,12 +51,13 @@ def clip_to_reachable(settings: Settings) -> tuple[Settings, list[str]]:
         return settings, []
     rings = [ring for part in parts for ring in _rings(space, part)]
     no_go = {f"{UNREACHABLE}{i}": _flat(ring) for i, ring in enumerate(rings, 1)}  # beside the mission's own
-    area_m2 = float(np.count_nonzero(space.area_raster > -space.margin_m)) * space.cell_m**2
-    return settings.with_overrides({"area": {"no_go": no_go}}), [_note(space, parts, area_m2)]
+    fitted = settings.with_overrides({"area": {"no_go": no_go}})
+    return fitted, [_note(space, parts, fitted)]
 
 
-def _note(space: FreeSpace, parts: list[UnreachedPart], area_m2: float) -> str:
-    total_m2 = sum(part.area_m2 for part in parts)
+def _note(space: FreeSpace, parts: list[UnreachedPart], fitted: Settings) -> str:
+    left_out_m2 = OperatingArea(fitted.area).unreachable_m2
+    share = left_out_m2 / (left_out_m2 + free_m2(fitted.area))
     needed_m = 2.0 * (space.margin_m + float(space.motion.loops_m[:, 2].min()))
     reasons = [_reason(part) for part in parts[:MAX_DESCRIBED]]
     if len(parts) > 1:
@@ -64,7 +65,7 @@ def _note(space: FreeSpace, parts: list[UnreachedPart], area_m2: float) -> str:
     more = len(parts) - MAX_DESCRIBED
     others = f"; {more} smaller part{'s' * (more > 1)}" if more > 0 else ""
     return (
-        f"area: {_percent(total_m2 / area_m2)} of it ({area_size(total_m2)}) cannot be reached from the starts and is "
+        f"area: {_percent(share)} of it ({area_size(left_out_m2)}) cannot be reached from the starts and is "
         f"left out. {'; '.join(reasons)}{others}. A safe turn needs {needed_m:.0f} m, including area.margin_m on both "
         "sides, and no leg leads through. To include this ground, start vehicles there, as at "
         f"{_widest(space, parts[0])}, or choose a smaller margin or turning radius"

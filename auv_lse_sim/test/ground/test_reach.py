@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea, free_m2
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.plurals import area_size
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground_source import ground_of
@@ -47,7 +48,7 @@ def behind_a_gate(**overrides):
 
 def test_ground_behind_a_gate_is_left_out_and_named():
     fitted, (note,) = clip_to_reachable(behind_a_gate())
-    assert "area: 49 % of it (2.2 ha) cannot be reached from the starts" in note
+    assert "area: 50 % of it (2.3 ha) cannot be reached from the starts" in note
     assert "The strait at north 1" in note
     assert "is 24 m wide" in note
     assert "A safe turn needs 50 m" in note
@@ -98,6 +99,14 @@ def test_water_around_the_ground_that_is_left_is_cut_into_simple_polygons():
     area = OperatingArea(fitted.area)
     assert area.contains(np.array([[200.0, 200.0]])).all()
     assert not area.contains(np.array([[95.0, 200.0], [305.0, 200.0], [200.0, 95.0], [200.0, 305.0]])).any()
+
+
+@pytest.mark.parametrize("raster_m", [2.0, 5.0])
+def test_the_note_and_the_report_have_one_size_of_the_ground_that_is_left_out(raster_m: float):
+    fitted, (note,) = clip_to_reachable(behind_a_gate(**{"area.raster_m": raster_m}))
+    left_out_m2, left_m2 = OperatingArea(fitted.area).unreachable_m2, free_m2(fitted.area)
+    share = f"{100.0 * left_out_m2 / (left_out_m2 + left_m2):.0f} %"
+    assert note.startswith(f"area: {share} of it ({area_size(left_out_m2)}) cannot be reached from the starts")
 
 
 def test_a_mission_in_open_water_stays_as_it_is():
