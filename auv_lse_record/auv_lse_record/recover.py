@@ -1,10 +1,11 @@
 """auv_lse recover: repairs a recording that a power failure or a killed recorder cut off, or that a disk damaged.
 
 Such an MCAP file ends within a record and has no index, or some of its bits are wrong. Every whole record and chunk is
-copied to a new file with an index. The damaged file is kept as `.torn`.
+copied to a new file with an index. The damaged file is kept as `.torn`; after an earlier recovery, as `.torn2`, ...
 """
 
 import argparse
+import itertools
 import mmap
 import sys
 from collections.abc import Iterator
@@ -28,11 +29,13 @@ class Recovered:
 
     Attributes:
         file: The MCAP file, now complete.
+        kept: The damaged file.
         lost_bytes: Bytes of the damaged file outside of whole records.
         nameless: Messages in whole chunks whose topic no whole chunk describes.
     """
 
     file: Path
+    kept: Path
     messages: int
     lost_bytes: int
     nameless: int = 0
@@ -54,16 +57,16 @@ def recover(path: Path) -> Recovered:
     found = next((file for file in files if not _is_whole(file)), None)
     if found is None:
         raise _Complete(f"{recording} is complete; nothing to recover")
-    torn, new = found.with_name(found.name + _KEPT), found.with_name(found.name + ".new")
+    new = found.with_name(found.name + ".new")
     try:
         with _content(found) as data, new.open("wb") as target:
             messages, nameless, lost = _copy(data, target)
         if not messages:
             raise _Empty(f"{found}: no message can be read; the file is unchanged")
-        found.replace(torn)
+        kept = _put_aside(found)
         new.replace(found)
         if len(files) == 1 and recording.is_dir():  # the index beside it counts messages that are lost
-            (recording / _METADATA).replace(recording / (_METADATA + _KEPT))
+            _put_aside(recording / _METADATA)
     except OSError as error:
         raise RecordingError(
             f"{new}: cannot be written: {error.strerror or error}. Free space, or copy the run folder to another disk "
@@ -72,7 +75,13 @@ def recover(path: Path) -> Recovered:
     finally:
         with suppress(OSError):  # the part for which there was room
             new.unlink()
-    return Recovered(file=found, messages=messages, lost_bytes=lost, nameless=nameless)
+    return Recovered(file=found, kept=kept, messages=messages, lost_bytes=lost, nameless=nameless)
+
+
+def _put_aside(file: Path) -> Path:
+    """Renames a damaged file to the first of `.torn`, `.torn2`, ... that is free; returns its new path."""
+    names = (f"{file.name}{_KEPT}{'' if number == 1 else number}" for number in itertools.count(1))
+    return file.rename(next(path for name in names if not (path := file.with_name(name)).exists()))
 
 
 class _Complete(RecordingError):
@@ -198,8 +207,7 @@ def _recover(part: Path, others: bool) -> int:
         if not others or not part.is_file():
             print(f"error: {empty}", file=sys.stderr)
             return 1
-        torn = part.rename(part.with_name(part.name + _KEPT))
-        print(f"{part}: no message can be read; put aside as {torn}")
+        print(f"{part}: no message can be read; put aside as {_put_aside(part)}")
         return 0
     except (RecordingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -207,5 +215,5 @@ def _recover(part: Path, others: bool) -> int:
     nameless = f", {counted(done.nameless, 'message')} of topics without a description" if done.nameless else ""
     lost = f"{counted(done.lost_bytes, 'damaged byte')} left out"
     print(f"{done.file}: {counted(done.messages, 'message')} recovered; {lost}{nameless}")
-    print(f"damaged file kept as {done.file}{_KEPT}")
+    print(f"damaged file kept as {done.kept}")
     return 0

@@ -291,6 +291,19 @@ def test_a_recording_that_was_copied_in_part_is_recovered_although_its_metadata_
         recover(tmp_path / "bag")
 
 
+def test_a_second_recovery_keeps_the_damaged_file_of_the_first(
+    tmp_path: Path, types: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path / "bag", types, 200)
+    file, damaged = tmp_path / "bag" / "bag.mcap", []
+    for number in ("", "2", "3"):
+        damaged.append(file.read_bytes()[:-100])
+        file.write_bytes(damaged[-1])
+        assert main([str(file)]) == 0
+        assert capsys.readouterr().out.splitlines()[-1] == f"damaged file kept as {file}.torn{number}"
+    assert [(file.parent / f"bag.mcap.torn{number}").read_bytes() for number in ("", "2", "3")] == damaged
+
+
 def test_nearly_full_disk_ends_the_recording_completely(tmp_path: Path, types: Any) -> None:
     bag, left = written(tmp_path / "bag", types, 5, close=False), [500.0]
     guarded = GuardedWriter(bag, tmp_path / "bag", 200.0, lambda folder: left[0])
