@@ -47,12 +47,11 @@ class OrderStore:
             OrderError: if it is damaged.
         """
         try:
-            values = json.loads(self._file.read_bytes())
+            return OrderBook(json.loads(self._file.read_bytes()))
         except FileNotFoundError:
             return OrderBook()
         except ValueError as error:
             raise OrderError(f"{self._file} is damaged ({error}). Move it away, and repeat the order") from error
-        return OrderBook(values)
 
     def write(self, book: OrderBook) -> None:
         """Writes the book; it survives a power failure.

@@ -139,7 +139,7 @@ class OrderBook:
             for found in values.get("orders", []):
                 self._put(Order(**found["order"]), None if found["answer"] is None else Answer(**found["answer"]))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise OrderError(f"the record of orders is damaged ({type(error).__name__}: {error})") from error
+            raise OrderError(f"{type(error).__name__}: {error}") from error
 
     def values(self) -> dict[str, Any]:
         """The book as JSON can hold it."""

@@ -1,6 +1,7 @@
 """One session of a laptop with a vehicle: takes requests line by line, and answers each."""
 
 import contextlib
+import errno
 import os
 import select
 import shutil
@@ -207,8 +208,9 @@ class Session:
                             self._orders.write(book)
         except (OSError, OrderError) as error:
             if order.verb not in ALWAYS:
-                text = f"It cannot be recorded, so it is not executed: {error_text(error)}. Free space on the vehicle."
-                return asdict(Answer(UNRECORDED, text, _now()))
+                is_full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+                text = f"It cannot be recorded, so it is not executed: {error_text(error)}."
+                return asdict(Answer(UNRECORDED, text + " Free space on the vehicle." * is_full, _now()))
             answer = self._executed(order)
             answer = Answer(answer.outcome, f"{answer.text} (not recorded: {error_text(error)})", answer.at)
         return asdict(answer) | {"controller": self._controller()}

@@ -158,7 +158,8 @@ def test_without_storage_only_what_makes_safer_is_executed(tmp_path: Path, monke
     monkeypatch.setattr(OrderStore, "write", full)
     actor = Noting()
     session = Session(tmp_path, 1, 230, actor)
-    assert ask(session, 1, "go")["outcome"] == UNRECORDED
+    answer = ask(session, 1, "go")
+    assert (answer["outcome"], str(answer["text"]).endswith(". Free space on the vehicle.")) == (UNRECORDED, True)
     for number, verb in enumerate(("hold", "surface", "abort", "stop"), 2):
         answer = ask(session, number, verb)
         assert answer["outcome"] == ACTED
@@ -166,12 +167,21 @@ def test_without_storage_only_what_makes_safer_is_executed(tmp_path: Path, monke
     assert actor.executed == ["hold", "surface", "abort", "stop"]
 
 
-def test_a_damaged_record_stops_go_and_not_abort(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "fault"), [('{"orders": [{}]}', "KeyError: 'order'"), ("[]]", "Extra data: line 1 column 3 (char 2)")]
+)
+def test_a_damaged_record_stops_go_with_one_cure_and_does_not_stop_abort(
+    tmp_path: Path, content: str, fault: str
+) -> None:
     (tmp_path / "fleet").mkdir()
-    (tmp_path / "fleet" / "orders.json").write_text('{"orders": [{}]}')
+    file = tmp_path / "fleet" / "orders.json"
+    file.write_text(content)
     actor = Noting()
     session = Session(tmp_path, 1, 230, actor)
-    assert ask(session, 1, "go")["outcome"] == UNRECORDED
+    answer = ask(session, 1, "go")
+    assert answer["outcome"] == UNRECORDED
+    damaged = f"{file} is damaged ({fault}). Move it away, and repeat the order"
+    assert answer["text"] == f"It cannot be recorded, so it is not executed: {damaged}."
     assert ask(session, 2, "abort")["outcome"] == ACTED
     assert actor.executed == ["abort"]
 
