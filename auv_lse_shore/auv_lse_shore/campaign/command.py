@@ -12,7 +12,7 @@ from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, c
 from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.progress_display import progress_display
 from auv_lse_shore.campaign.rerun import rerun
-from auv_lse_shore.campaign.rows import Rows, columns_of
+from auv_lse_shore.campaign.rows import Rows, columns_of, schema
 from auv_lse_shore.campaign.runner import locked, run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
 from auv_lse_sim.ground.ground import GroundError
@@ -35,7 +35,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, metavar="DIR", help="the campaign's folder (default: runs/campaigns/NAME)")
     add_cluster_options(p)
     p.add_argument("--retry-failed", action="store_true", help="repeat missions that failed earlier")
-    p.add_argument("--list", action="store_true", help="list the missions with the status of their rows, and exit")
+    p.add_argument(
+        "--list",
+        action="store_true",
+        help="list the missions with the status of their rows, and exit; without SPEC.yaml those flown in --out",
+    )
     p.add_argument("--rerun", metavar="ID", help="repeat the mission of one row of --out with full recording")
     p.add_argument("--to", type=Path, metavar="DIR", help="run folder of --rerun (default: DIR/reruns/ID)")
     return p
@@ -47,6 +51,8 @@ def run(options: argparse.Namespace) -> int:
         return _rerun(options)
     if options.to is not None:
         raise CampaignError("--to requires --rerun ID")
+    if options.spec is None and options.list and options.out is not None:
+        return _list_flown(options.out)
     if options.spec is None:
         raise CampaignError("SPEC.yaml is missing; name a campaign file, or give --rerun ID with --out DIR")
     spec = CampaignSpec.load(options.spec)
@@ -67,9 +73,24 @@ def run(options: argparse.Namespace) -> int:
 def _list(spec: CampaignSpec, folder: Path) -> int:
     have, jobs = Rows(folder, columns_of(spec)).statuses(), spec.jobs()
     for job in jobs:
-        print(f"{job.id}  {have.get(job.id, '-'):6}  seed {job.seed:<5} {job.group}")
+        print(_listed(job.id, have.get(job.id, "-"), job.seed, job.group))
     print(f"{sum(job.id in have for job in jobs)} of {len(jobs)} missions are flown in {folder} (--out)")
     return 0
+
+
+def _list_flown(folder: Path) -> int:
+    """Lists the rows of a campaign without its file."""
+    rows = sorted(Rows(folder, schema({})).read(), key=lambda row: (row["seed"], row["group"]))
+    if not rows:
+        raise CampaignError(f"{folder} holds no missions of a campaign; name the campaign file, or its folder")
+    for row in rows:
+        print(_listed(row["id"], row["status"], row["seed"], row["group"]))
+    print(f"{counted(len(rows), 'mission')} {'is' if len(rows) == 1 else 'are'} flown in {folder}")
+    return 0
+
+
+def _listed(mission: str, status: str, seed: int, group: str) -> str:
+    return f"{mission}  {status:6}  seed {seed:<5} {group}"
 
 
 def _rerun(options: argparse.Namespace) -> int:

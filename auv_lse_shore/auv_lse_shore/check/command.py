@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 unreadable file or wrong command line.",
     )
     p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files to check "
-                   "(default with an option of the mission: config/missions/default.yaml)")  # fmt: skip
+                   "(default: config/missions/default.yaml)")  # fmt: skip
     p.add_argument(
         "--area",
         type=Path,
@@ -169,11 +169,7 @@ def run(options: argparse.Namespace) -> int:
     if options.schema or options.template:
         print(schema_text() if options.schema else template_text(), end="")
         return 0
-    missions = options.mission
-    if not missions and (options.area is not None or ground_given(options) or options.set):
-        missions = [shipped_file("missions/default.yaml")]
-    if not missions:
-        raise ParameterError("no mission file is named: auv_lse check MISSION.yaml")
+    missions = options.mission or [shipped_file("missions/default.yaml")]
     if options.map is not None and options.map.name and len(missions) > 1:
         raise ParameterError(f"--map {options.map} is one picture of {len(missions)} mission files; leave out its name")
     code = 0

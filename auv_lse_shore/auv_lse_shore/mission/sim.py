@@ -54,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--no-record", action="store_true", help="make no recording, and so no report")
     p.add_argument("--no-report", action="store_true", help="make no figures and no report.html")
-    p.set_defaults(for_vehicles=None)
+    p.set_defaults(for_vehicles=None, modem=None, vehicle_link=None)
     return p
 
 
@@ -86,9 +86,7 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as reserved:
         reserved.enter_context(shared_ground())
         try:
-            if options.apart and options.real_time_factor not in (None, 1.0):
-                pace = f"{options.real_time_factor:g}"
-                raise ParameterError(f"--apart runs in real time; leave out --real-time-factor {pace}")
+            _complete(options)
             settings, notes = prepare(options)
             domain = reserved.enter_context(simulator_domain(wanted_domain(options.domain)))
             folder = run_folder(options.out, root)
@@ -109,6 +107,22 @@ def run(options: argparse.Namespace) -> int:
         processes = mission_processes(0, record=not options.no_record)
         owned, report = _until_released(reserved.pop_all(), domain), not options.no_report
         return fly(settings, folder, console, processes, owned, start_s=math.inf, report=report)
+
+
+def _complete(options: argparse.Namespace) -> None:
+    """Sets modem and link that are not given.
+
+    Raises:
+        ParameterError: naming an option that --apart would ignore.
+    """
+    if options.apart and options.real_time_factor not in (None, 1.0):
+        pace = f"{options.real_time_factor:g}"
+        raise ParameterError(f"--apart runs in real time; leave out --real-time-factor {pace}")
+    if options.apart and options.modem == "direct":
+        raise ParameterError("--apart needs emulated modems; leave out --modem direct")
+    if options.apart and options.vehicle_link == "direct":
+        raise ParameterError("--apart needs simulated autopilots; leave out --vehicle-link direct")
+    options.modem, options.vehicle_link = options.modem or "direct", options.vehicle_link or "direct"
 
 
 def _written(settings: Settings, folder: Path, options: argparse.Namespace) -> Settings:

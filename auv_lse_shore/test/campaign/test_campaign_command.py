@@ -30,7 +30,9 @@ def test_the_command_simulates_and_lists(tmp_path, capsys):
     assert main([str(file), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
     assert "1 mission simulated, 0 already there, 0 failed" in capsys.readouterr().out
     assert main([str(file), "--out", str(tmp_path / "out"), "--list"]) == 0
-    assert re.match(r"[0-9a-f]{16}  ok      seed 1", capsys.readouterr().out)
+    assert re.match(r"[0-9a-f]{16}  ok      seed 1", listed := capsys.readouterr().out)
+    assert main(["--out", str(tmp_path / "out"), "--list"]) == 0
+    assert capsys.readouterr().out == listed.replace("1 of 1 missions are", "1 mission is").replace(" (--out)", "")
 
 
 def test_two_campaigns_in_one_folder_are_refused_also_while_workers_start(tmp_path, capsys, monkeypatch):
@@ -75,6 +77,8 @@ def test_the_command_reports_errors(tmp_path, capsys):
     (tmp_path / "tiny.yaml").write_text(yaml.safe_dump({"set": TINY}))
     assert main([str(tmp_path / "tiny.yaml"), "--out", str(tmp_path / "tiny.yaml")]) == 2
     assert "tiny.yaml is a file, not a folder" in capsys.readouterr().err
+    assert main(["--list", "--out", str(tmp_path)]) == 2
+    assert f"{tmp_path} holds no missions of a campaign; name the campaign file" in capsys.readouterr().err
     assert main(["--rerun", "abc"]) == 2
     assert "--out DIR" in capsys.readouterr().err
     assert (

@@ -18,6 +18,7 @@ from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.packet.codec import room_for_samples
+from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore import mission_options
 from auv_lse_shore.check.command import check
 from auv_lse_shore.check.schema import schema, schema_text, template_text
@@ -307,7 +308,13 @@ def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (main([doubtful]), main([doubtful, "--strict"])) == (0, 1)
     assert main([default, str(write(tmp_path, gp={"x": 1}))]) == 1
     assert main([str(tmp_path / "none.yaml")]) == 2
-    assert main([]) == 2
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("words", [[], ["--vehicle", "auv2"], ["--strict"], ["--set", "mission.seed=2"]])
+def test_without_a_file_the_default_mission_is_checked(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    main(words)
+    assert capsys.readouterr().out.splitlines()[0] == str(shipped_file("missions/default.yaml"))
 
 
 @pytest.mark.parametrize(

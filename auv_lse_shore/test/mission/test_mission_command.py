@@ -311,10 +311,20 @@ def test_two_values_of_one_parameter_are_refused(words: list[str], named: str) -
     assert overrides_of(parser().parse_args(["--steps", "4", "--set", "mission.steps=4"])) == {"mission.steps": 4}
 
 
-def test_separate_vehicles_run_in_real_time_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--apart", "--real-time-factor", "5", "--out", str(tmp_path / "run")]
-    assert sim.run(sim.parser().parse_args(words)) == 2
-    assert "error: --apart runs in real time; leave out --real-time-factor 5" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--real-time-factor", "5"], "--apart runs in real time; leave out --real-time-factor 5"),
+        (["--modem", "direct"], "--apart needs emulated modems; leave out --modem direct"),
+        (["--vehicle-link", "direct"], "--apart needs simulated autopilots; leave out --vehicle-link direct"),
+    ],
+)
+def test_separate_vehicles_refuse_options_that_they_would_ignore(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], error: str
+) -> None:
+    assert sim.run(sim.parser().parse_args(["--apart", *words, "--out", str(tmp_path / "run")])) == 2
+    assert f"error: {error}" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_help_names_the_methods_that_there_are() -> None:

@@ -73,7 +73,7 @@ def test_ground_that_cannot_be_reached_is_reported_by_itself(other):
     s = other.summary
     assert "cannot be reached" not in text_of(other)
     there = dataclasses.replace(s, unreachable_m2=s.area_m2)
-    start = f"{s.area_m2 / 1e4:.1f} ha of the area cannot be reached from the starts"  # the mission's start has the share
+    start = f"{s.area_m2 / 1e4:.1f} ha of the area cannot be reached from the starts"
     assert any(line.startswith(start) for line in headlines(there, 30))
 
 
