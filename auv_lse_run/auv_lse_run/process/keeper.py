@@ -7,9 +7,9 @@ forked by a fork server, which imports their modules; other programs are started
 file. A process that has ended is reported by `tick`. What follows depends on `restart`:
 
 - False, for a mission in lockstep: nothing. A mission cannot go on without one of its nodes, so the caller ends it.
-- True, for a vehicle: the process is started again after a wait that doubles with each death, up to
-  `LONGEST_WAIT_S`. A process that has run for `STEADY_S` waits `FIRST_WAIT_S` again. If the fork server dies, its
-  nodes die with it, and all are started again.
+- True, for a vehicle: the process is started again at once, because an autopilot's failsafe does not wait for its
+  link. If it dies again within `STEADY_S`, it waits for `FIRST_WAIT_S`, and twice as long with each further death, up
+  to `LONGEST_WAIT_S`. If the fork server dies, its nodes die with it, and all are started again.
 
 Watchdog: a node reports once a second that it serves its callbacks (`heartbeat`). One that was silent for `silent_s`
 although its process runs is killed and restarted. If the fork server does not report that death within `_DEATH_S`, the
@@ -40,10 +40,10 @@ from auv_lse_run.process.processes import (
     start,
 )
 
-#: First and longest wait (s) before a process that died is restarted.
+#: First and longest wait (s) before a process that died again is restarted.
 FIRST_WAIT_S = 0.5
 LONGEST_WAIT_S = 30.0
-#: A death after this running time (s) counts as the first one.
+#: A process that has run for this time (s) is restarted at once.
 STEADY_S = 20.0
 #: Watchdog: longest silence (s) of a node; doubled each time that it hangs.
 SILENT_S = 30.0
@@ -108,7 +108,7 @@ class _State:
     reported: bool = False  # its start has been reported
     started_s: float = 0.0
     due_s: float = -math.inf
-    wait_s: float = FIRST_WAIT_S
+    wait_s: float = 0.0  # before the restart after the next death
     silent_s: float = 0.0  # since the last heartbeat, or since the start
     limit_s: float = math.inf  # longest silence; infinite for other programs before their first heartbeat
     hangs: int = 0  # in a row
@@ -206,12 +206,12 @@ class ProcessKeeper:
             self._say(text)
         died = []
         for state in self._states:
-            if state.process is not None and (code := state.process.poll()) is not None:
+            if state.process is None and now_s >= state.due_s:
+                self._start(state, now_s)
+            elif state.process is not None and (code := state.process.poll()) is not None:
                 state.process = None
                 died.append((state.task.name, code))
                 self._plan_restart(state, code, now_s)
-            if state.process is None and now_s >= state.due_s:
-                self._start(state, now_s)
             self._report_start(state)
             self._check_heartbeat(state, alive, passed_s, now_s)
         self._check_loading(now_s)
@@ -280,17 +280,18 @@ class ProcessKeeper:
             return
         name, ran_s = state.task.name, now_s - state.started_s
         if ran_s >= STEADY_S:
-            state.wait_s = FIRST_WAIT_S
+            state.wait_s = 0.0
+        when = f"in {state.wait_s:g} s" if state.wait_s else "at once"
         lines = last_lines(self.log(name), 3).replace("\n", "\n    ")
         self._say(
-            f"{name} died after {ran_s:.0f} s ({cause(code, hung=state.killed)}); restarting in {state.wait_s:g} s; "
+            f"{name} died after {ran_s:.0f} s ({cause(code, hung=state.killed)}); restarting {when}; "
             f"the end of {self.log(name)}:\n    {lines}"
         )
         self._wait(state, now_s)
 
     def _wait(self, state: _State, now_s: float) -> None:
         state.due_s = now_s + state.wait_s
-        state.wait_s = min(2.0 * state.wait_s, LONGEST_WAIT_S)
+        state.wait_s = min(max(2.0 * state.wait_s, FIRST_WAIT_S), LONGEST_WAIT_S)
 
     def _start(self, state: _State, now_s: float) -> None:
         name = state.task.name
@@ -301,6 +302,7 @@ class ProcessKeeper:
         except (OSError, LaunchError) as error:
             if not self._restart:
                 raise LaunchError(f"{name} cannot be started: {error}") from error
+            state.wait_s = max(state.wait_s, FIRST_WAIT_S)
             self._say(f"{name} cannot be started: {error}; trying again in {state.wait_s:g} s")
             self._wait(state, now_s)
             return

@@ -120,7 +120,10 @@ def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None
     bench = Bench(tmp_path, node="echo start START; exit 3")
     bench.after(0.0)
     waits = []
-    for deaths in range(1, 8):
+    assert bench.death() == ("node", 3)
+    bench.after(0.0)
+    assert bench.keeper.starts == {"node": 2}, "at once: an autopilot's failsafe waits for 2.5 s"
+    for deaths in range(2, 9):
         assert bench.death() == ("node", 3)
         assert bench.keeper.starts == {"node": deaths}
         waited = 0.0
@@ -129,14 +132,15 @@ def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None
             waited += 0.5
         waits.append(waited)
     assert waits == [min(FIRST_WAIT_S * 2**n, LONGEST_WAIT_S) for n in range(7)]
-    assert bench.said[1].startswith("node died after 0 s (exit code 3); restarting in 0.5 s")
+    assert bench.said[1].startswith("node died after 0 s (exit code 3); restarting at once; the end")
     assert "start 0" in bench.said[1], "with its last words"
     assert "node restarted (start 2)" in bench.said[2]
+    assert bench.said[3].startswith("node died after 0 s (exit code 3); restarting in 0.5 s; the end")
     assert (tmp_path / "node.log").read_text().splitlines()[:7] == [f"start {n}" for n in range(7)], "the log goes on"
     bench.keeper.stop()
 
 
-def test_steady_process_is_restarted_with_the_first_wait(tmp_path: Path) -> None:
+def test_steady_process_is_restarted_at_once(tmp_path: Path) -> None:
     bench = Bench(tmp_path, node="sleep 60")
     bench.after(0.0)
     for _ in range(3):
@@ -144,7 +148,7 @@ def test_steady_process_is_restarted_with_the_first_wait(tmp_path: Path) -> None
         os.kill(bench.keeper.running["node"], signal.SIGKILL)
         assert bench.death() == ("node", -9)
         assert f"node died after {STEADY_S:.0f} s (SIGKILL: " in bench.said[-1]
-        bench.after(FIRST_WAIT_S)
+        bench.after(0.0)
     assert bench.keeper.running
     bench.keeper.stop()
     assert not bench.keeper.running
