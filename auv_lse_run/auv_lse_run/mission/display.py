@@ -136,8 +136,8 @@ class MissionProgress:
         texts = (self._battery_text, self._rewards_text, self._quality_text, held)
         rewards = "".join(f"  {text}" for text in texts if text)
         return (
-            f"{clock(self.sim_s)}  legs {steps} of {self.steps_total}  packets: {self.sent} sent, {self.received} "
-            f"received, {self.lost} lost{rewards}  {self.speed:.0f} x real time"
+            f"{clock(self.sim_s)}  legs {steps} of {self.steps_total}  packets: {self.sent:,} sent, {self.received:,} "
+            f"received, {self.lost:,} lost{rewards}  {self.speed:.0f} x real time"
         )
 
     def table(self) -> Group:
@@ -164,7 +164,7 @@ class MissionProgress:
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
         )
         rewards = f"   {self._rewards_text} ({UNITS[self.reward]})" if self._rewards_text else ""
-        foot = [Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")]
+        foot = [Text(f"packets: {self.sent:,} sent, {self.received:,} received, {self.lost:,} lost{rewards}")]
         if self._quality_text:
             foot.append(Text(self._quality_text))
         if self.held:

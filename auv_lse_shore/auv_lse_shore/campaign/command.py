@@ -66,7 +66,9 @@ def run(options: argparse.Namespace) -> int:
         with cluster(options.scheduler, options.workers) as client, progress_display() as show:
             state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
         page = write_results(spec, folder, state)
-    print(f"{counted(state.done, 'mission')} simulated, {state.before} already there, {state.failed} failed; {page}")
+    print(
+        f"{counted(state.done, 'mission')} simulated, {state.before:,} already there, {state.failed:,} failed; {page}"
+    )
     return 1 if state.failed else 0
 
 

@@ -55,7 +55,7 @@ def headlines(s: Summary, planned_steps: int, run: RunData | None = None) -> lis
         )
     if s.vehicles > 1:
         lost = counted(s.packets_lost, "reception")
-        lines.append(f"packets: {s.packets_sent} sent, {s.packets_received} received, {lost} lost")
+        lines.append(f"packets: {s.packets_sent:,} sent, {s.packets_received:,} received, {lost} lost")
     return lines
 
 
@@ -193,7 +193,7 @@ def quality_cards(s: Summary) -> list[tuple[str, str]]:
         (s.mowing_risk if s.steps else None, _three, lawnmower),
         (s.loss_expected, _three, f"{EXPECTED_LOSS} ({COST_PER_LOCATION})"),
         (s.loss_after, _three, f"{ACTUAL_LOSS} ({COST_PER_LOCATION})"),
-        (s.delivery, _percent, f"of packets received ({s.packets_sent} sent)"),
+        (s.delivery, _percent, f"of packets received ({s.packets_sent:,} sent)"),
     ]
     return _known(rows)
 
@@ -418,7 +418,7 @@ def _link(s: Summary) -> str:
     text = f"Acoustic link: {counted(s.packets_sent, 'packet')} sent"
     if possible:
         text += (
-            f"; {s.packets_lost} of {counted(possible, 'possible reception')} lost "
+            f"; {s.packets_lost:,} of {counted(possible, 'possible reception')} lost "
             f"({_percent(s.packets_lost / possible)})"
         )
     if not s.samples_received:

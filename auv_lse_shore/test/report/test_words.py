@@ -1,5 +1,6 @@
 """The results of a mission in words."""
 
+import copy
 import dataclasses
 import html
 import re
@@ -21,6 +22,7 @@ from auv_lse_shore.report.words import (
     opening_lines,
     paper_paragraphs,
     paragraphs,
+    quality_cards,
     subtitle,
 )
 
@@ -67,6 +69,15 @@ def test_the_terminal_leads_with_the_isobath_and_the_map(other):
     )
     assert loss == f"expected loss {s.loss_expected:.3f}, actual loss {s.loss_after:.3f} (cost per location)"
     assert packets.startswith("packets: ")
+
+
+def test_counts_of_packets_have_separators_of_thousands(other):
+    s = dataclasses.replace(other.summary, packets_sent=12345, packets_received=23456, packets_lost=1234, delivery=0.95)
+    assert "packets: 12,345 sent, 23,456 received, 1,234 receptions lost" in headlines(s, 30)
+    assert "of packets received (12,345 sent)" in dict(quality_cards(s)).values()
+    evaluation = copy.copy(other)
+    evaluation.summary = s
+    assert "12,345 packets sent; 1,234 of 24,690 possible receptions lost" in text_of(evaluation)
 
 
 def test_ground_that_cannot_be_reached_is_reported_by_itself(other):
