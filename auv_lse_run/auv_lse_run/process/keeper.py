@@ -44,7 +44,7 @@ from auv_lse_run.process.processes import (
 FIRST_WAIT_S = 0.5
 LONGEST_WAIT_S = 30.0
 #: A process that has run for this time (s) is restarted at once.
-STEADY_S = 20.0
+STEADY_S = 5.0
 #: Watchdog: longest silence (s) of a node; doubled each time that it hangs.
 SILENT_S = 30.0
 #: Share of that for safety_node: while it hangs, no limit is watched and no command obeyed. Its callbacks are short.
