@@ -221,7 +221,7 @@ class VehiclePlanner:
             found |= problems.of_team(now_s, self.team, self.planner, travelled_s)
         found |= problems.of_leg(now_s, self._travel)
         if self._blocked_reason and not self.finished:
-            found["held"] = f"mission is not running: {self._blocked_reason}"
+            found["held"] = f"not planning: {self._blocked_reason}"
         totals = {
             "odometry impossible": self._travel.impossible,
             "odometry jumps": self._travel.gate.jumps,

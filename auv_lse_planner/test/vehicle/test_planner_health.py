@@ -51,6 +51,14 @@ def test_health_contains_the_last_decision_and_the_problems():
     assert warning.startswith("step 0: the deadline of 2 s ended the search after ")
 
 
+def test_a_mission_that_holds_is_reported_in_one_phrase():
+    own = planner()
+    intake = PlannerIntake(own)
+    intake.set_run_status(RunStatus(state=RunState.HOLDING, stop=None, reason="HOLD by an operator"))
+    intake.take(1.0)
+    assert own.problems(1.0)["held"] == "not planning: the mission is HOLDING: HOLD by an operator"
+
+
 def test_end_is_reported_until_the_missions_state_confirms_it():
     own = planner()
     intake = PlannerIntake(own)

@@ -15,7 +15,7 @@ STATE: dict[str, Any] = {
     "mission": {"state": "WAITING", "limits": [], "warnings": []},
     "position": {"age_s": 0.1},
     "autopilot": {"heard": True, "battery": 0.9},
-    "health": ["/auv1/planner_node: mission is not running: the mission is WAITING: waits for GO"],
+    "health": ["/auv1/planner_node: not planning: the mission is WAITING: waits for GO"],
 }
 
 
