@@ -113,7 +113,7 @@ class ModemNode(VehicleNode):
         self.get_logger().warning(f"packet of {sent_s:.1f} s not sent: samples requeued")
 
     def _on_state(self, report: RunReport) -> None:
-        self._bridge.abort_calls.own = report.status.team_abort
+        self._bridge.set_run_status(report.status)
 
     def _pass_on_abort(self, received: Received) -> None:
         """Publishes a team mate's call to abort the mission, if it must be obeyed."""

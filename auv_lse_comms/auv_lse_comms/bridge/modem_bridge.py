@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.naive_ids import id_in_packet, id_in_plan
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
@@ -144,6 +145,7 @@ class ModemBridge:
         self._slots = SlotUsage(self.tdma, self.counts)
         self._ranging = Ranging(self.tdma, modem.second_lead_s, modem.pings)
         self._plan: Plan | None = None
+        self._is_aborted = False  # the mission: mates must not count on the rest of the plan
         self._fix: Fix | None = None
         self._sent: list[_Sent] = []  # the last packets
         self._confirm_s, self._on_air_s = modem.confirm_s, modem.on_air_s
@@ -175,6 +177,12 @@ class ModemBridge:
         check_plan(plan, self._limits, reserve, MAX_BYTES if self._config.navigation else 0)
         self._plan = plan
         self.remember("plan", dataclasses.asdict(plan))
+
+    def set_run_status(self, status: RunStatus) -> None:
+        """Sets the status of the vehicle's mission: aborted, its packets hold no actions, and perhaps the call to
+        abort."""
+        self._is_aborted = status.state is RunState.ABORTED
+        self.abort_calls.own = status.team_abort
 
     def set_dead_reckoning(self, raw: DeadReckoning) -> None:
         """Sets the vehicle's dead-reckoned position."""
@@ -408,8 +416,9 @@ class ModemBridge:
     def _compose(self, plan: Plan, slot_s: float, now_s: float) -> tuple[bytes, Array]:
         """The packet sent at `now_s` in the slot that starts at `slot_s` (s), and its rows of the sample queue."""
         abort = self.abort_calls.own
-        if abort:
-            plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE, quality_reached=False)
+        if abort or self._is_aborted:
+            reached = plan.quality_reached and not abort
+            plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE, quality_reached=reached)
         navigation = self._navigation(now_s)
         reserve = 0
         if self._tagger is not None:

@@ -154,7 +154,7 @@ class VehicleCores:
             safety.run.command(Command.END, "planner_node")
         safety.step(now_s)
         self._to_planner.set_run_status(safety.run.status)
-        self.bridge.abort_calls.own = safety.run.status.team_abort
+        self.bridge.set_run_status(safety.run.status)
         then = self.planner.settings.vehicle.stop_at_end if self.planner.finished else None
         return safety.run.status.stop_after(then)
 

@@ -76,6 +76,21 @@ def test_an_abort_is_heard_through_the_water_and_ends_the_mission() -> None:
     assert deaf.cores[1].bridge.counts["aborts_refused.1"] > 0
 
 
+def test_mates_do_not_count_on_the_plan_of_an_aborted_vehicle() -> None:
+    team = fleet(**{"mission.steps": 60, "planner.method": "tour"})
+    mates, run = team.cores[1].planner.team, team.cores[0].safety.run
+    until(team, 60.0)
+    assert len(mates.locations_ahead(60.0, 1)) > 0
+    run.command(Command.ABORT, "test")
+    until(team, 120.0)
+    assert len(mates.locations_ahead(120.0, 1)) == 0, "its legs are left to the others"
+    run.command(Command.RESET, "test")
+    run.command(Command.GO, "test")
+    until(team, 200.0)
+    assert run.status.state is RunState.RUNNING
+    assert len(mates.locations_ahead(200.0, 1)) > 0
+
+
 def test_after_a_team_abort_one_reset_is_enough_while_the_mates_still_call() -> None:
     team = fleet(**{"packet.abort_without_tag": True, "mission.steps": 60})
     until(team, 60.0)
