@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -64,7 +65,13 @@ def conduct(
     with contextlib.ExitStack() as stack:
         stack.callback(keeper.stop)
         keeper.tick(time.monotonic())
-        marks = follow(progress_of(settings), environment, console, interrupt, look_after)
+        try:
+            marks = follow(progress_of(settings), environment, console, interrupt, look_after)
+        except MissionError as error:
+            if not (started_s and settings.record.folder) or settings.sim.apart:
+                raise
+            again = f"auv_lse replay {shlex.quote(str(folder))} --report"
+            raise MissionError(f"{error}\nThe mission is recorded up to here. For its report: {again}") from error
         processor_s = keeper.cpu_s()
     return write_times(folder, marks, processor_s, started_s)
 

@@ -399,6 +399,7 @@ def test_a_node_that_dies_is_named_with_its_last_words(tmp_path: Path) -> None:
     assert process.returncode == 1, output
     assert "auv1 ended unexpectedly" in output, "in lockstep a vehicle's nodes share a process"
     assert "auv1.log" in output
+    assert f"The mission is recorded up to here. For its report: auv_lse replay {folder} --report" in output
     assert not nodes_of(folder)
     assert "/dev/shm/fastrtps" not in maps, "shared memory of a node that is killed would stay"
 
