@@ -176,7 +176,9 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
         for _, log_ns, message in recording.messages({_PARAMETER_EVENTS}):
             node = re.fullmatch(r"/[^/]*?(\d+)/planner_node", message.node)
             if node is not None:
-                changed = {p.name: _value(p.value) for p in message.changed_parameters if p.name.startswith("planner.")}
+                # a parameter that the method sets has no value before its first change, which ROS reports as new
+                found = {p.name: _value(p.value) for p in (*message.new_parameters, *message.changed_parameters)}
+                changed = {k: v for k, v in found.items() if k.startswith("planner.") and v is not None}
                 gathered.setdefault(int(node[1]), _Gathered(int(node[1]))).tune(log_ns * 1e-9, changed)
     if not gathered:
         raise RecordingError(f"{path} holds no topic /auvN/...; name the recording of a mission")

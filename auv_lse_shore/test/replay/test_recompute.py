@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from auv_lse_common.topics.records import CentersReport, RunReport
 from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
+from auv_lse_record.recording import Recording
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.replay.inputs import read_inputs, ticks_of
 from auv_lse_shore.replay.recompute import table
@@ -173,6 +177,28 @@ def _delayed(entry, later):
         return entry
     replace = dataclasses.replace if dataclasses.is_dataclass(entry) else type(entry)._replace
     return replace(entry, stamp_s=later(stamp_s))
+
+
+def test_a_parameter_that_had_no_value_before_it_was_changed_counts(flown: Path, monkeypatch) -> None:
+    """ROS reports the first value of such a parameter as new; at its declaration it has none."""
+
+    messages = Recording.messages
+
+    def events(self: Recording, topics: Any = None) -> Iterator[tuple[str, int, Any]]:
+        if topics != {"/parameter_events"}:
+            yield from messages(self, topics)
+            return
+        kinds = ((0.0, "new", 0, 0), (9.0, "new", 2, 40), (20.0, "changed", 2, 50))
+        for at_s, kind, type_, number in kinds:
+            parameter = SimpleNamespace(
+                name="planner.iterations", value=SimpleNamespace(type=type_, integer_value=number)
+            )
+            lists = {f"{name}_parameters": [parameter] if name == kind else [] for name in ("new", "changed")}
+            yield "/parameter_events", round(at_s * 1e9), SimpleNamespace(node="/auv1/planner_node", **lists)
+
+    monkeypatch.setattr(Recording, "messages", events)
+    tuned = read_inputs(flown).vehicles[1].tuned
+    assert tuned == [(9.0, {"planner.iterations": 40}), (20.0, {"planner.iterations": 50})]
 
 
 def test_maps_that_cannot_be_compared_are_reported(flown: Path, tmp_path, capsys) -> None:
