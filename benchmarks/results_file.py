@@ -84,7 +84,7 @@ def fly(
                 process.terminate()
             if isinstance(error, BrokenProcessPool):
                 raise ValueError(
-                    f"a mission's process was killed, perhaps for want of memory; {path} keeps the others. Run the "
-                    "same command again with fewer --processes"
+                    f"the process of a mission was killed, perhaps because memory ran out; {path} keeps the missions "
+                    "that ended. Run the same command again, with fewer --processes if there are several"
                 ) from error
             raise

@@ -50,7 +50,7 @@ def _has_distribution(package: str) -> bool:
 
 
 class MissingPackageError(ImportError):
-    """A package is not installed; names the package, its use and the install command."""
+    """A package is not installed, or does not load; names its use and what is wrong, or the install command."""
 
 
 def missing(error: ImportError, purpose: str) -> MissingPackageError:

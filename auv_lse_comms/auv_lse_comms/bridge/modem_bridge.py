@@ -179,8 +179,8 @@ class ModemBridge:
         self.remember("plan", dataclasses.asdict(plan))
 
     def set_run_status(self, status: RunStatus) -> None:
-        """Sets the status of the vehicle's mission: aborted, its packets hold no actions, and perhaps the call to
-        abort."""
+        """Sets the status of the vehicle's mission: an aborted vehicle's packets hold no actions; after a team abort
+        they carry the call."""
         self._is_aborted = status.state is RunState.ABORTED
         self.abort_calls.own = status.team_abort
 
@@ -332,7 +332,8 @@ class ModemBridge:
         if self._tagger is not None and slot.start_s == self._tagger.sealed_s:  # by an earlier process
             self._slots.used = True
             return None
-        plan = self._abort_plan() if self._plan is None and self.abort_calls.own else self._plan
+        aborted = self._is_aborted or self.abort_calls.own
+        plan = self._abort_plan() if self._plan is None and aborted else self._plan
         if plan is None:
             self._slots.reason = "plan"
             return None

@@ -68,7 +68,7 @@ def conduct(
         try:
             marks = follow(progress_of(settings), environment, console, interrupt, look_after)
         except MissionError as error:
-            if not (started_s and settings.record.folder) or settings.sim.apart:
+            if not (started_s and settings.record.folder) or settings.sim.apart or "recorder_node" in str(error):
                 raise
             again = f"auv_lse replay {shlex.quote(str(folder))} --report"
             raise MissionError(f"{error}\nThe mission is recorded up to here. For its report: {again}") from error

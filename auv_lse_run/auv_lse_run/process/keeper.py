@@ -43,7 +43,7 @@ from auv_lse_run.process.processes import (
 #: First and longest wait (s) before a process that died again is restarted.
 FIRST_WAIT_S = 0.5
 LONGEST_WAIT_S = 30.0
-#: A process that has run for this time (s) is restarted at once.
+#: A process that has served its callbacks for this time (s) is restarted at once.
 STEADY_S = 5.0
 #: Watchdog: longest silence (s) of a node; doubled each time that it hangs.
 SILENT_S = 30.0
@@ -107,6 +107,7 @@ class _State:
     starts: int = 0
     reported: bool = False  # its start has been reported
     started_s: float = 0.0
+    served_s: float = math.nan  # time of its first heartbeat; of its start where none is watched
     due_s: float = -math.inf
     wait_s: float = 0.0  # before the restart after the next death
     silent_s: float = 0.0  # since the last heartbeat, or since the start
@@ -252,6 +253,7 @@ class ProcessKeeper:
         state.silent_s += passed_s
         if process.pid in alive and not state.killed:
             state.silent_s = 0.0
+            state.served_s = now_s if math.isnan(state.served_s) else state.served_s
             state.limit_s = self._silent_limit_s * state.task.silent_share * 2.0**state.hangs
         if state.silent_s < state.limit_s:
             return
@@ -279,7 +281,7 @@ class ProcessKeeper:
             state.due_s = math.inf
             return
         name, ran_s = state.task.name, now_s - state.started_s
-        if ran_s >= STEADY_S:
+        if now_s - state.served_s >= STEADY_S:
             state.wait_s = 0.0
         when = f"in {state.wait_s:g} s" if state.wait_s else "at once"
         lines = last_lines(self.log(name), 3).replace("\n", "\n    ")
@@ -309,6 +311,7 @@ class ProcessKeeper:
         state.starts += 1
         state.started_s, state.reported, state.killed, state.silent_s = now_s, False, False, 0.0
         watched = state.task.node is not None and self._heartbeats is not None
+        state.served_s = math.nan if watched else now_s
         state.limit_s = _SILENT_AT_FIRST_S * 2.0**state.hangs if watched else math.inf
 
     def _check_logs(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import sys
@@ -137,6 +138,27 @@ def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None
     assert "node restarted (start 2)" in bench.said[2]
     assert bench.said[3].startswith("node died after 0 s (exit code 3); restarting in 0.5 s; the end")
     assert (tmp_path / "node.log").read_text().splitlines()[:7] == [f"start {n}" for n in range(7)], "the log goes on"
+    bench.keeper.stop()
+
+
+def test_loading_is_no_steady_running(tmp_path: Path) -> None:
+    """A node that dies whenever it has loaded must not be restarted at once for ever."""
+    bench = Bench(tmp_path, node="exit 3")
+    (state,) = bench.keeper._states
+    state.task = dataclasses.replace(state.task, node=Process(package="p", executable="n", namespace="/auv1"))
+    bench.after(0.0)
+    waits = []
+    for deaths in range(1, 5):
+        time.sleep(0.1)
+        bench.now_s += 2.0 * STEADY_S  # it loaded so long
+        assert bench.death() == ("node", 3)
+        waited = 0.0
+        bench.after(0.0)
+        while bench.keeper.starts == {"node": deaths}:
+            bench.after(0.5)
+            waited += 0.5
+        waits.append(waited)
+    assert waits == [0.0, FIRST_WAIT_S, 2.0 * FIRST_WAIT_S, 4.0 * FIRST_WAIT_S]
     bench.keeper.stop()
 
 

@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     if options.spec is None and options.list and options.out is not None:
         return _list_flown(options.out)
     if options.spec is None:
-        raise CampaignError("SPEC.yaml is missing; name a campaign file, or give --rerun ID with --out DIR")
+        raise CampaignError("SPEC.yaml is missing; name a campaign file, or give --out DIR with --list or --rerun ID")
     spec = CampaignSpec.load(options.spec)
     folder = options.out or project_folder() / "runs" / "campaigns" / spec.name
     if options.list:
@@ -76,7 +76,7 @@ def _list(spec: CampaignSpec, folder: Path) -> int:
     have, jobs = Rows(folder, columns_of(spec)).statuses(), spec.jobs()
     for job in jobs:
         print(_listed(job.id, have.get(job.id, "-"), job.seed, job.group))
-    print(f"{sum(job.id in have for job in jobs)} of {len(jobs)} missions are flown in {folder} (--out)")
+    print(f"{sum(job.id in have for job in jobs)} of {counted(len(jobs), 'mission')} flown in {folder} (--out)")
     return 0
 
 
@@ -87,7 +87,7 @@ def _list_flown(folder: Path) -> int:
         raise CampaignError(f"{folder} holds no missions of a campaign; name the campaign file, or its folder")
     for row in rows:
         print(_listed(row["id"], row["status"], row["seed"], row["group"]))
-    print(f"{counted(len(rows), 'mission')} {'is' if len(rows) == 1 else 'are'} flown in {folder}")
+    print(f"{counted(len(rows), 'mission')} flown in {folder}")
     return 0
 
 

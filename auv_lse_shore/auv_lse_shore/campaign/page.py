@@ -19,7 +19,7 @@ from auv_lse_shore.campaign.comparison_figures import (
     curves,
     sweep_figure,
 )
-from auv_lse_shore.campaign.reliability_figure import MAX_SETTINGS, reliability_figure
+from auv_lse_shore.campaign.reliability_figure import MAX_SETTINGS, reliability_figure, with_reliability
 from auv_lse_shore.campaign.rows import Row, Rows, by_group, by_seed, columns_of, mean_of, rows_of, value_of
 from auv_lse_shore.campaign.runner import CampaignState
 from auv_lse_shore.campaign.spec import CampaignSpec, short
@@ -96,7 +96,7 @@ def _figures(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]]) -> Iterato
     yield "comparison.png", comparison(groups), _COMPARISON
     yield "risk_curves.png", curves(groups, MAP_CURVES), _CURVES + _first(MAX_CURVES, groups)
     if (reliability := reliability_figure(groups)) is not None:
-        yield "reliability.png", reliability, _RELIABILITY + _first(MAX_SETTINGS, groups)
+        yield "reliability.png", reliability, _RELIABILITY + _first(MAX_SETTINGS, with_reliability(groups))
     for name in spec.varied:
         if (figure := sweep(spec, groups, name)) is not None:
             caption = f"Mean and 95 % confidence interval over seeds against {name}."
@@ -145,7 +145,9 @@ def _best(groups: Mapping[str, Sequence[Row]]) -> Iterator[tuple[str, str]]:
         names = "; ".join(tied) if len(tied) <= _NAMED else f"{len(tied)} others"
         others = f" (not significantly better than {names})" if tied else ""
         most, lacking = max(map(len, groups.values())), len(groups) - len(known)
-        over = f", over the {len(shared)} of {most} seeds with a value for every setting" if len(shared) < most else ""
+        all_of = "all other settings" if lacking else "every setting"
+        seeds = f"{len(shared)} of {most} seeds"
+        over = f", over the {seeds} with a value for {all_of}" if len(shared) < most else ""
         over += f" ({counted(lacking, 'setting')} {'has' if lacking == 1 else 'have'} no value)" if lacking else ""
         yield number(means[best]), f"best mean {heading}{over}: {best}{others}"
 

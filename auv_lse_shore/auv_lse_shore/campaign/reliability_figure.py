@@ -29,6 +29,11 @@ def reliability_of(rows: Sequence[Row]) -> list[Reliability]:
     ]
 
 
+def with_reliability(groups: Mapping[str, Sequence[Row]]) -> dict[str, Sequence[Row]]:
+    """The settings of which a mission has a reliability."""
+    return {name: rows for name, rows in groups.items() if any(row.get("reliability_cells") for row in rows)}
+
+
 @styled
 def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
     """For each setting the share of locations that are safe against P(deep enough), and how the locations spread over
@@ -36,7 +41,7 @@ def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
 
     None where no mission has a known truth.
     """
-    known = {name: found for name, rows in groups.items() if (found := reliability_of(rows))}
+    known = {name: reliability_of(rows) for name, rows in with_reliability(groups).items()}
     if not known:
         return None
     figure = new_figure(WIDTH_IN, 3.4)

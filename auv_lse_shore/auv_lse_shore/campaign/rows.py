@@ -147,7 +147,7 @@ class Rows:
             os.replace(part, path)
         except OSError as error:
             part.unlink(missing_ok=True)
-            raise OSError(error.errno, os.strerror(error.errno) if error.errno else str(error), str(path)) from error
+            raise OSError(f"{path}: {os.strerror(error.errno) if error.errno else error}") from error
 
 
 def _fit(value: Any, kind: pyarrow.DataType) -> Any:

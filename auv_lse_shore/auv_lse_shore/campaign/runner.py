@@ -11,10 +11,11 @@ import dataclasses
 import fcntl
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_record.software import other_versions, version
 from auv_lse_shore.campaign.cluster import CampaignError, lost_cluster_is_an_error
 from auv_lse_shore.campaign.mission_row import failed_row, mission_row
@@ -94,9 +95,9 @@ def run_campaign(
         _report_versions(rows_of(spec, rows.read()))
     threads = max(sum(client.nthreads().values()), 1)
     state = CampaignState(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
-    state.failed = sum(statuses.get(job.id) == "failed" for job in jobs) - sum(job.id in statuses for job in todo)
+    state.failed = sum(statuses.get(job.id) == "failed" for job in jobs)
     state.limited = math.isfinite(budget_s)
-    queue = _Queue(todo, client, state, budget_s)
+    queue = _Queue(todo, client, state, budget_s, {name for name, status in statuses.items() if status == "failed"})
     with lost_cluster_is_an_error():
         first = [queue.submit() for _ in range(threads + max(1, int(AHEAD * threads)))]
         submitted = as_completed([future for future in first if future is not None])
@@ -113,8 +114,12 @@ def run_campaign(
 class _Queue:
     """Submits missions to the cluster one by one, and keeps the state of the campaign."""
 
-    def __init__(self, todo: Sequence[Job], client: Any, state: CampaignState, budget_s: float) -> None:
+    def __init__(
+        self, todo: Sequence[Job], client: Any, state: CampaignState, budget_s: float, failed: Set[str] = frozenset()
+    ) -> None:
+        """Args: failed: ids of missions that failed earlier."""
         self._todo, self._client, self._state, self._budget_s = todo, client, state, budget_s
+        self._failed = failed
         self._waiting, self._running = iter(todo), dict[str, Job]()
         self._began = time.monotonic()
         self._busy: dict[str, list[float]] = {}
@@ -135,7 +140,7 @@ class _Queue:
         row = _finished_row(future, job)
         busy_s = row.get("busy_s") or 0.0
         state.done += 1
-        state.failed += row["status"] == "failed"
+        state.failed += (row["status"] == "failed") - (job.id in self._failed)
         state.busy_s += busy_s
         state.elapsed_s = time.monotonic() - self._began
         state.last = row
@@ -156,7 +161,7 @@ class _Queue:
 def _report_versions(rows: Sequence[Mapping[str, Any]]) -> None:
     others = other_versions(rows)
     if others:
-        print(f"{len(rows)} rows come from version {others}; new ones from {version()}", flush=True)
+        print(f"{counted(len(rows), 'row')} from version {others}; new ones are from {version()}", flush=True)
 
 
 def _finished_row(future: Any, job: Job) -> dict[str, Any]:

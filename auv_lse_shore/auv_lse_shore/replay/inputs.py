@@ -8,12 +8,13 @@ times.
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.topics.records import (
     BoundReport,
     CentersReport,
@@ -176,10 +177,9 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
         for _, log_ns, message in recording.messages({_PARAMETER_EVENTS}):
             node = re.fullmatch(r"/[^/]*?(\d+)/planner_node", message.node)
             if node is not None:
-                # a parameter that the method sets has no value before its first change, which ROS reports as new
-                found = {p.name: _value(p.value) for p in (*message.new_parameters, *message.changed_parameters)}
-                changed = {k: v for k, v in found.items() if k.startswith("planner.") and v is not None}
-                gathered.setdefault(int(node[1]), _Gathered(int(node[1]))).tune(log_ns * 1e-9, changed)
+                number = int(node[1])
+                own = parameters_for(parameters, f"/auv{number}/planner_node").get("planner", {})
+                gathered.setdefault(number, _Gathered(number)).tune(log_ns * 1e-9, _tuned(message, own))
     if not gathered:
         raise RecordingError(f"{path} holds no topic /auvN/...; name the recording of a mission")
     vehicles = {number: gathered[number].inputs() for number in sorted(gathered)}
@@ -190,6 +190,18 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
         lockstep=lockstep,
         vehicles=vehicles,
     )
+
+
+def _tuned(message: Any, own: Mapping[str, Any]) -> dict[str, Any]:
+    """The planner's parameters that an event changes, of those that this version has.
+
+    A parameter that the method sets has no value before its first change, which ROS reports as new. It also reports
+    every parameter of a node that starts as new; these have the mission file's values, `own`.
+    """
+    known = {f"planner.{f.name}": own.get(f.name) for f in fields(PlannerConfig)}
+    new = {p.name: _value(p.value) for p in message.new_parameters if known.get(p.name) is None}
+    changed = {p.name: _value(p.value) for p in message.changed_parameters}
+    return {name: value for name, value in (new | changed).items() if name in known and value is not None}
 
 
 class _Gathered:

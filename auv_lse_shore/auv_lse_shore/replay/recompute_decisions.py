@@ -39,6 +39,7 @@ class DecisionStep:
         turns_deg: Heading change of the leg.
         plans: The plan in words.
         note: The reason, or what else differs.
+        same_plan: Whether plan and leg are the recorded ones.
         differs: Whether the decisions differ.
     """
 
@@ -49,6 +50,7 @@ class DecisionStep:
     plans: tuple[str, str]
     values: tuple[float, float]
     note: str
+    same_plan: bool
     differs: bool
 
     TITLES = ("vehicle", "step", "time (s)", "turn (deg)", "turn now (deg)", "plan", "plan now", "value", "value now",
@@ -57,7 +59,7 @@ class DecisionStep:
     @property
     def only_value_differs(self) -> bool:
         """Whether all but the value is as recorded."""
-        return self.plans[0] == self.plans[1] and math.isclose(*self.turns_deg) and not self.note
+        return self.same_plan and not self.note
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -214,6 +216,7 @@ class _Recomputer:
             plans=(in_words(recorded.plan, turns), in_words(decision.plan, turns)),
             values=values,
             note=note,
+            same_plan=same_plan,
             differs=not (same_plan and close and not note),
         )
 

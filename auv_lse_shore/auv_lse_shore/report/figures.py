@@ -345,11 +345,17 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **style: 
     """Adds a legend below a figure, which grows by each line after the first.
 
     Args:
-        columns: Largest number of columns; wide labels have fewer, so that the figure cuts none off.
+        columns: Largest number of columns; wide labels have fewer, and at last smaller letters, so that the figure cuts
+            none off.
     """
     for count in range(min(columns, len(handles)), 0, -1):
         legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=count, **style)
-        if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
+        part = figure.bbox.width / legend.get_window_extent().width
+        if part >= 1.0:
+            break
+        if count == 1:
+            for text in legend.get_texts():
+                text.set_fontsize(0.97 * part * text.get_fontsize())
             break
         legend.remove()
     figure.set_figheight(figure.get_figheight() + _LINE_IN * (math.ceil(len(handles) / count) - 1))

@@ -2,6 +2,7 @@
 
 import glob
 import re
+import shlex
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -29,7 +30,7 @@ _OTHERS = (
     (rb"[\s\S]{0,4}GSF-v", 8, "a multibeam recording (GSF)"),
     (rb"\xff\xff\x00\x00", 4, "a multibeam recording of Teledyne (.s7k)"),
     (rb"\x7f\x7f", 0, "a recording of a Doppler log or current profiler (PD0)"),
-    (rb"BR..\x0a\x00", 0, "a sonar recording of SonarView (.svlog)"),
+    (rb"BR[\s\S]{2}\x0a\x00", 0, "a sonar recording of SonarView (.svlog)"),
     (rb"\xc3\x40{1,2}\xf1", 0, "a recording of a sub-bottom profiler (SEG-Y)"),
     (rb"LASF", 0, "a point cloud (LAS)"),
     (rb"\s*<(\?xml|!DOCTYPE|html|kml)", 0, "XML or a web page"),
@@ -39,7 +40,7 @@ _OTHERS = (
 #: How archives begin.
 _ARCHIVE = re.compile(rb"PK\x03\x04|7z\xbc\xaf|Rar!")
 #: How grids begin: (Geo)TIFF, netCDF, HDF5 (BAG, S-102), ESRI ASCII.
-_GRID = re.compile(rb"II\*\0|MM\0\*|CDF[\x01\x02\x05]|\x89HDF\r\n|(?i:ncols)\s+\d")
+_GRID = re.compile(rb"II[*+]\0|MM\0[*+]|CDF[\x01\x02\x05]|\x89HDF\r\n|(?i:ncols)\s+\d")
 
 
 def files_of(names: Iterable[Path]) -> tuple[list[Path], bool]:
@@ -85,7 +86,7 @@ def read_logs(path: Path, options: ReadOptions, progress: Progress) -> list[LogC
     if _GRID.match(file.head):
         raise LogError(
             f"{path} is a grid or a picture, not a log. A grid of depths is the ground of a simulated mission: "
-            f"auv_lse mission --bathymetry {path}"
+            f"auv_lse mission --bathymetry {shlex.quote(str(path))}"
         )
     for module in formats():
         if getattr(module, "ASKED_LAST", False):

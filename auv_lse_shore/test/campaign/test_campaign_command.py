@@ -32,7 +32,7 @@ def test_the_command_simulates_and_lists(tmp_path, capsys):
     assert main([str(file), "--out", str(tmp_path / "out"), "--list"]) == 0
     assert re.match(r"[0-9a-f]{16}  ok      seed 1", listed := capsys.readouterr().out)
     assert main(["--out", str(tmp_path / "out"), "--list"]) == 0
-    assert capsys.readouterr().out == listed.replace("1 of 1 missions are", "1 mission is").replace(" (--out)", "")
+    assert capsys.readouterr().out == listed.replace("1 of 1 mission", "1 mission").replace(" (--out)", "")
 
 
 def test_two_campaigns_in_one_folder_are_refused_also_while_workers_start(tmp_path, capsys, monkeypatch):
@@ -55,7 +55,7 @@ def test_the_command_names_folder_and_ids(tmp_path, capsys):
     file, out = tmp_path / "tiny.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump({"set": TINY, "seeds": 2}))
     assert main([str(file), "--out", str(out), "--list"]) == 0
-    assert f"0 of 2 missions are flown in {out}" in capsys.readouterr().out
+    assert f"0 of 2 missions flown in {out}" in capsys.readouterr().out
     assert main(["--rerun", "abc", "--out", str(out)]) == 2
     assert "0 missions of" in (text := capsys.readouterr().err)
     assert "--list shows the ids" in text

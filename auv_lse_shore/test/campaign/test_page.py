@@ -28,7 +28,7 @@ def test_a_best_setting_within_the_noise_is_reported_as_such(noise, words):
 def test_the_best_setting_is_chosen_over_the_seeds_of_which_all_have_a_value():
     lucky = [{**row, "isobath_error_m": row["isobath_error_m"] if row["seed"] < 3 else None} for row in rows(0.5, 0.0)]
     ((value, meaning),) = _best({"steady": rows(0.0, 0.0), "lucky": lucky, "never": [{"seed": 1}]})
-    words = "best mean isobath error, whole line (m), over the 2 of 8 seeds with a value for every setting"
+    words = "best mean isobath error, whole line (m), over the 2 of 8 seeds with a value for all other settings"
     assert meaning.startswith(f"{words} (1 setting has no value): steady")
     assert float(value) == pytest.approx(11.5)
 

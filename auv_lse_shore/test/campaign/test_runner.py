@@ -68,6 +68,8 @@ def test_a_mission_that_fails_is_recorded_and_stops_no_other(tmp_path, client):
     assert failed["risk_after"] is None
     again = run_campaign(spec, tmp_path, client)
     assert (again.done, again.failed) == (0, 1)  # a failure is a result too ...
+    late = run_campaign(spec, tmp_path, client, retry_failed=True, budget_s=0.0)
+    assert (late.done, late.failed) == (0, 1)  # there was no time to repeat it ...
     again = run_campaign(spec, tmp_path, client, retry_failed=True)
     assert (again.done, again.failed) == (1, 1)  # ... unless asked otherwise
     page = write_results(spec, tmp_path, state).read_text()

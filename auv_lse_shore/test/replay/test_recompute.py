@@ -180,7 +180,10 @@ def _delayed(entry, later):
 
 
 def test_a_parameter_that_had_no_value_before_it_was_changed_counts(flown: Path, monkeypatch) -> None:
-    """ROS reports the first value of such a parameter as new; at its declaration it has none."""
+    """ROS reports the first value of such a parameter as new; at its declaration it has none.
+
+    A node that starts reports all of its parameters as new: those of the mission file, and retired ones.
+    """
 
     messages = Recording.messages
 
@@ -188,17 +191,22 @@ def test_a_parameter_that_had_no_value_before_it_was_changed_counts(flown: Path,
         if topics != {"/parameter_events"}:
             yield from messages(self, topics)
             return
-        kinds = ((0.0, "new", 0, 0), (9.0, "new", 2, 40), (20.0, "changed", 2, 50))
-        for at_s, kind, type_, number in kinds:
-            parameter = SimpleNamespace(
-                name="planner.iterations", value=SimpleNamespace(type=type_, integer_value=number)
-            )
-            lists = {f"{name}_parameters": [parameter] if name == kind else [] for name in ("new", "changed")}
+        kinds = (
+            (0.0, "new", 0, 0, "horizon"),
+            (9.0, "new", 2, 7, "horizon"),
+            (15.0, "new", 2, 3, "samples_per_leg"),
+            (15.0, "new", 2, 3, "batch"),
+            (20.0, "changed", 2, 9, "horizon"),
+        )
+        for at_s, kind, type_, number, name in kinds:
+            value = SimpleNamespace(type=type_, integer_value=number)
+            parameter = SimpleNamespace(name=f"planner.{name}", value=value)
+            lists = {f"{which}_parameters": [parameter] if which == kind else [] for which in ("new", "changed")}
             yield "/parameter_events", round(at_s * 1e9), SimpleNamespace(node="/auv1/planner_node", **lists)
 
     monkeypatch.setattr(Recording, "messages", events)
     tuned = read_inputs(flown).vehicles[1].tuned
-    assert tuned == [(9.0, {"planner.iterations": 40}), (20.0, {"planner.iterations": 50})]
+    assert tuned == [(9.0, {"planner.horizon": 7}), (20.0, {"planner.horizon": 9})]
 
 
 def test_maps_that_cannot_be_compared_are_reported(flown: Path, tmp_path, capsys) -> None:

@@ -91,6 +91,16 @@ def test_mates_do_not_count_on_the_plan_of_an_aborted_vehicle() -> None:
     assert len(mates.locations_ahead(200.0, 1)) > 0
 
 
+def test_a_vehicle_that_is_aborted_before_its_first_decision_leaves_its_ground_to_its_mates() -> None:
+    team = fleet(**{"mission.steps": 60, "planner.method": "tour", "auv1.vehicle.start_delay_s": 300.0})
+    mates = team.cores[1].planner.team
+    until(team, 60.0)
+    assert sum(len(locations) for _, locations in mates.in_time_order(60.0)) > 0, "a plan is assumed until one is heard"
+    team.cores[0].safety.run.command(Command.ABORT, "test")
+    until(team, 120.0)
+    assert sum(len(locations) for _, locations in mates.in_time_order(120.0)) == 0
+
+
 def test_after_a_team_abort_one_reset_is_enough_while_the_mates_still_call() -> None:
     team = fleet(**{"packet.abort_without_tag": True, "mission.steps": 60})
     until(team, 60.0)

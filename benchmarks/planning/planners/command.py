@@ -69,7 +69,8 @@ def run(options: argparse.Namespace) -> int:
     lines = {_id(line): line for line in read_lines(options.out)}  # two commands at once may fly a mission twice
     flown_lines = [line for known, line in lines.items() if known in wanted]
     if not flown_lines:
-        raise failures[0]
+        _say("every mission failed; there is no page")
+        return 1
     text = page(flown_lines, options.against)
     if options.page:
         options.page.write_text(text)
@@ -86,9 +87,10 @@ def _fly_missing(
     """Flies the missions that the results file lacks; the errors of those that fail."""
     done = {_id(line): line for line in read_lines(options.out)}
     jobs = [(line, ground_of(grounds, line).parameters, python) for line in asked if _id(line) not in done]
-    _say(f"{len(jobs)} missions to fly, {len(asked) - len(jobs)} in {options.out}")
+    _say(f"{counted(len(jobs), 'mission')} to fly, {len(asked) - len(jobs)} in {options.out}")
     if others := other_versions(done[_id(line)] for line in asked if _id(line) in done):
-        _say(f"missions in {options.out} come from version {others}; this is {version()}. Another --out flies all anew")
+        _say(f"missions in {options.out} come from version {others}; this is {version()}")
+        _say("to fly all again, give another --out")
     failures: list[ValueError] = []
 
     def failed(error: ValueError) -> None:

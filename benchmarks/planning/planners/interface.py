@@ -19,6 +19,7 @@ import sys
 import traceback
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -253,7 +254,8 @@ def made(make: Callable[[], Planner]) -> Planner:
     """
     planner: Any = _call(make, "planner()")
     every = getattr(planner, "replan_legs", "missing")
-    if not callable(getattr(planner, "path", None)) or not (every is None or (isinstance(every, int) and every > 0)):
+    is_whole = isinstance(every, Integral) and not isinstance(every, bool) and int(every) > 0
+    if not callable(getattr(planner, "path", None)) or not (every is None or is_whole):
         raise ValueError(
             "planner() must return an object with path(view) and replan_legs, which is None or a whole number of legs "
             f"from 1, not {type(planner).__name__} with replan_legs {every!r}."

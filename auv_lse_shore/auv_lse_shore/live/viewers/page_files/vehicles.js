@@ -72,7 +72,7 @@ export class VehicleCards {
     setText(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
     setText(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
     for (const part of [fields.battery.previousSibling, fields.battery]) part.hidden = legs === undefined;
-    setText(fields.battery, legs === undefined ? "–" : `${legs} legs / ${Math.max(0, facts.steps - steps)} planned`);
+    if (legs !== undefined) setText(fields.battery, `${legs} legs / ${Math.max(0, facts.steps - steps)} planned`);
     setText(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", deadline" : ""}` : "–");
     setText(fields.packets, `${store.count("sent", vehicle, t)} / ${store.count("received", vehicle, t)}`);
     card.setAttribute("aria-pressed", String(chosen));
