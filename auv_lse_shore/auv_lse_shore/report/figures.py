@@ -355,7 +355,7 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **style: 
             break
         if count == 1:
             for text in legend.get_texts():
-                text.set_fontsize(0.97 * part * text.get_fontsize())
+                text.set_fontsize(0.97 * part * float(text.get_fontsize()))
             break
         legend.remove()
     figure.set_figheight(figure.get_figheight() + _LINE_IN * (math.ceil(len(handles) / count) - 1))
