@@ -21,7 +21,7 @@ from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -40,6 +40,8 @@ from auv_lse_planner.search.path_search import Proposal
 from auv_lse_planner.search.routing import Ground
 from auv_lse_planner.search.uct import SearchResult
 from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
+
+T = TypeVar("T")
 
 #: Legs without coming closer to a waypoint after which it is left out: it cannot be reached.
 GIVE_UP_LEGS = 6
@@ -205,7 +207,7 @@ def waypoints_of(answer: Any, step: int) -> Array:
     return waypoints_m
 
 
-def _call(call: Callable[[], Any], where: str) -> Any:
+def _call(call: Callable[[], T], where: str) -> T:
     """What code of others returns; its errors as ValueError with the last line of its file that ran."""
     try:
         return call()
@@ -232,7 +234,8 @@ def loaded(name: str) -> Callable[[], Planner]:
         if point is None:
             known = ", ".join([*OURS, *RIVAL_NAMES, HINDSIGHT, *sorted(entry_points(group=GROUP).names)])
             raise ValueError(f"There is no planner {name}. Use one of {known}, or a Python file.")
-        return _call(point.load, name)  # type: ignore[no-any-return]
+        load: Callable[[], Callable[[], Planner]] = point.load
+        return _call(load, name)
     found = importlib.util.spec_from_file_location(f"planner in {name}", name)
     if found is None or found.loader is None or not Path(name).is_file():
         raise ValueError(f"There is no planner file {name}.")
@@ -240,10 +243,10 @@ def loaded(name: str) -> Callable[[], Planner]:
     sys.modules[module.__name__] = module  # dataclasses and pickle look for it there
     loader = found.loader
     _call(lambda: loader.exec_module(module), name)
-    make: Any = getattr(module, "planner", None)
+    make: Callable[[], Planner] | None = getattr(module, "planner", None)
     if not callable(make):
         raise ValueError(f"{name} has no function planner(); see benchmarks/planning/planners/interface.py.")
-    return make  # type: ignore[no-any-return]
+    return make
 
 
 def made(make: Callable[[], Planner]) -> Planner:
@@ -252,7 +255,7 @@ def made(make: Callable[[], Planner]) -> Planner:
     Raises:
         ValueError: if `make` fails, or returns no planner.
     """
-    planner: Any = _call(make, "planner()")
+    planner = _call(make, "planner()")
     every = getattr(planner, "replan_legs", "missing")
     is_whole = isinstance(every, Integral) and not isinstance(every, bool) and int(every) > 0
     if not callable(getattr(planner, "path", None)) or not (every is None or is_whole):
@@ -260,7 +263,7 @@ def made(make: Callable[[], Planner]) -> Planner:
             "planner() must return an object with path(view) and replan_legs, which is None or a whole number of legs "
             f"from 1, not {type(planner).__name__} with replan_legs {every!r}."
         )
-    return planner  # type: ignore[no-any-return]
+    return planner
 
 
 def source_of(name: str) -> bytes:
