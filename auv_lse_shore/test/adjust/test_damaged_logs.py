@@ -162,6 +162,16 @@ def soundings_of(path, data):
     return log.soundings
 
 
+@pytest.mark.parametrize("first", ["nr, #ROW", "LASF"])
+def test_a_table_that_begins_like_the_file_of_another_program_is_read(tmp_path, first):
+    path = tmp_path / "table.csv"
+    rows = [f"{i},{46.5 + 1e-5 * i:.6f},6.6,{3.0 + 0.1 * i:.2f},{1718000000 + i}" for i in range(40)]
+    columns = first.count(",") * "0,"
+    path.write_text("\n".join([f"{first},lat,lon,depth,time", *(columns + row for row in rows)]))
+    (log,) = gather([path], UserFacts()).placed
+    assert len(log.soundings) == 40
+
+
 GRIDS = {
     "a.tif": b"II*\0\x08\0",
     "a.bag": b"\x89HDF\r\n\x1a\n",
@@ -202,7 +212,7 @@ OTHERS = {
     "a.pd0": (b"\x7f\x7f\x0e\x03", r"a recording of a Doppler log or current profiler \(PD0\)"),
     "a.svlog": (b"BR\x10\x01\x0a\0\0\0{", "a sonar recording of SonarView"),
     "a.sgy": ("C 1 CLIENT".encode("cp037"), "a recording of a sub-bottom profiler"),
-    "a.las": (b"LASF\0\0", "a point cloud"),
+    "a.las": (b"LASF" + 20 * b"\0" + b"\x01\x04", "a point cloud"),
     "a.fit": (b"\x0e\x10\xd9\x07\x00\x00\x00\x00.FIT", "a Garmin activity"),
     "a.kml": (b'<?xml version="1.0"?><kml>', "XML"),
     "page.csv": (b"<!DOCTYPE html><html><body>1, 2, 3", "XML"),
