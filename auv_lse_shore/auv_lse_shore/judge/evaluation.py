@@ -128,23 +128,23 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_
             )
         scored &= np.isfinite(run.ground.depth_m)
     some = _thinned(grid, scored)
-    replayed = partial(_replayed, run, settings, area, some, bounds if first.planner.entry.of_paper else 2)
+    fewer = len(settings) // 2  # local maps left to the other core, which has the reward besides
+    replayed = partial(_replayed, run, settings, area, some, bounds if first.planner.entry.of_paper else 2, fewer)
     beside = run_in_background(replayed) if on_two_cores else replayed
     try:
         final = make_map()
-        own = zip(run.vehicles, settings, strict=True)
-        local = [local_map(vehicle, of_vehicle, area, _tick_s(run)).field() for vehicle, of_vehicle in own]
+        local = _local_fields(run, settings, area, slice(fewer, None))
     except BaseException:
         if on_two_cores:
             with contextlib.suppress(Exception):  # the first error is the one to report
                 beside()
         raise
-    curves, ideal, alone_risk = beside()
+    curves, ideal, alone_risk, others = beside()
     return Evaluation(
         run=run,
         settings=settings,
         team_map=final,
-        local=local,
+        local=[*others, *local],
         ideal=ideal,
         alone_risk=alone_risk,
         curves=curves,
@@ -162,12 +162,24 @@ def _thinned(grid: Grid, scored: Mask) -> Array:
 
 
 def _replayed(
-    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: Array, bounds: int
-) -> tuple[Curves, DepthField | None, tuple[float, ...]]:
-    """Half of the work: curves, map at true positions, each vehicle's risk at `some` (P, 2) from its own soundings."""
+    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: Array, bounds: int, first: int
+) -> tuple[Curves, DepthField | None, tuple[float, ...], list[DepthField]]:
+    """Half of the work.
+
+    Curves, map at true positions, each vehicle's risk at `some` (P, 2) from its own soundings, and the own maps of the
+    `first` vehicles.
+    """
     curves = reward_curves(run, settings, area, bounds, some)
     alone = tuple(_risk_alone(v, s, some) for v, s in zip(run.vehicles, settings, strict=True))
-    return curves, _ideal(run, settings[0], area), alone
+    return curves, _ideal(run, settings[0], area), alone, _local_fields(run, settings, area, slice(first))
+
+
+def _local_fields(
+    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: slice
+) -> list[DepthField]:
+    """The own final maps of some vehicles."""
+    own = zip(run.vehicles[some], settings[some], strict=True)
+    return [local_map(vehicle, of_vehicle, area, _tick_s(run)).field() for vehicle, of_vehicle in own]
 
 
 def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingArea, tick_s: float) -> DepthMap:
