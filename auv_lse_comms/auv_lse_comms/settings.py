@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.methods import unless_paper_method
 from auv_lse_common.mission_file.parameters import ParameterError, is_given, section
 from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig, shared_number
 from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES, ModemConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.mission_file.settings import Settings
@@ -19,25 +19,6 @@ from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 from auv_lse_comms.bridge import MateTracks, ModemBridge, ModemFeatures, Pace
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
-
-#: Meaning of a missing number, by its key in the section `mission`.
-_SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
-
-
-def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
-    """`mission.vehicles` or `mission.steps`, which are required here, because all vehicles must have the same values.
-
-    Raises:
-        ParameterError: if it is missing or not a whole number of at least 1.
-    """
-    mission = section(MissionConfig, parameters, "mission", where)
-    if not is_given(parameters, f"mission.{key}"):
-        raise ParameterError(
-            f"{where}: mission.{key} is missing; all vehicles must share it. Add {_SHARED[key]} to the mission "
-            "file, section mission, under '/**:'"
-        )
-    value: int = getattr(mission, key)
-    return value
 
 
 def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -> Limits:

@@ -87,5 +87,5 @@ def _read_text(path: Path) -> str:
         return data.decode(encoding_of(data))
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:  # UnicodeDecodeError
+    except UnicodeDecodeError as error:
         raise ParameterError(f"{path} is not UTF-8 text: {brief(error)}. Save it as UTF-8") from error

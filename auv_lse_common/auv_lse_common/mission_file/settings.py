@@ -20,7 +20,7 @@ from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
 from auv_lse_common.mission_file.goals import finds_method, with_method
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
-from auv_lse_common.mission_file.sections.mission import MissionConfig
+from auv_lse_common.mission_file.sections.mission import SHARED, MissionConfig, shared_number
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
 from auv_lse_common.mission_file.sections.positions import PositionsConfig, in_force
 from auv_lse_common.mission_file.sections.table import (
@@ -266,6 +266,8 @@ def check_vehicle(patterns: Mapping[str, Mapping[str, Any]], where: str, number:
         for name, kind in SECTIONS.items():
             section(kind, with_depth(with_method(own), number), name, where)
         PlannerSettings.from_parameters(own, where, number)
+        for key in SHARED:
+            shared_number(own, key, where)
 
 
 def beyond_team(pattern: str, vehicles: int, where: str) -> str:

@@ -25,7 +25,7 @@ from auv_lse_run.vehicle.run_vehicle import (
 main = verb_main("vehicle")
 
 FOR_ALL = {
-    "mission": {"vehicles": 3},
+    "mission": {"vehicles": 3, "steps": 100},
     "modem": {"kind": "micromodem", "port": "/dev/ttyS0"},
     "link": {"kind": "mavlink"},
     "record": {"folder": "bag"},
@@ -221,4 +221,6 @@ def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, caps
     assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
     assert main(["auv1", str(write(tmp_path, plannner={})), "--out", str(out)]) == 2
     assert "plannner: unknown section; did you mean 'planner'?" in capsys.readouterr().err
+    assert main(["auv1", str(write(tmp_path, mission={"steps": 30})), "--out", str(out)]) == 2
+    assert "mission.vehicles is missing; all vehicles must share it. Add" in capsys.readouterr().err
     assert not out.exists()

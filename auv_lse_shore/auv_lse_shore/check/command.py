@@ -18,7 +18,7 @@ from auv_lse_run.vehicle.run_vehicle import vehicle_number
 from auv_lse_shore.areas.area_file import AreaFiles
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
-from auv_lse_shore.check.machine import check_files, check_machine, check_recording
+from auv_lse_shore.check.machine import check_files, check_machine, check_recording, check_shared
 from auv_lse_shore.check.mission_file import check_file
 from auv_lse_shore.check.schema import schema_text, template_text
 from auv_lse_shore.check.timing import check_timing
@@ -125,9 +125,11 @@ def check(
         _check_until(settings.mission.until, findings)
     check_timing(settings, findings)
     check_recording(settings, number, findings)
+    patterns = read_parameter_file(path, areas)
     if number is not None:
-        simulated = "sim" in read_parameter_file(path, areas).get("/**", {})
-        check_machine(settings, number, simulated, findings)
+        check_machine(settings, number, "sim" in patterns.get("/**", {}), findings)
+    if number is None or number <= settings.mission.vehicles:
+        check_shared(settings, patterns, number, findings)
     if picture is not None:
         _draw(
             settings,

@@ -4,8 +4,10 @@ import os
 import stat
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.mission_file.parameter_file import parameters_for
+from auv_lse_common.mission_file.parameters import ParameterError, is_given
+from auv_lse_common.mission_file.sections.mission import SHARED
+from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_common.support.missing_packages import COMMANDS, is_installed
 from auv_lse_comms.settings import check_send_duration
 from auv_lse_record.guard import free_mb
@@ -34,6 +36,23 @@ def check_files(settings: Settings, number: int | None, findings: Findings) -> N
     file = settings.sim.bathymetry.file
     if file and not Path(file).is_file():
         findings.refuse("sim.bathymetry", f"sim.bathymetry.file: {file!r} does not exist on this machine")
+
+
+def check_shared(settings: Settings, patterns: Patterns, number: int | None, findings: Findings) -> None:
+    """Finds numbers that a vehicle requires of its file: an error for vehicle `number`, else (None) a note.
+
+    Args:
+        patterns: The content of the file.
+    """
+    try:
+        given = parameters_for(patterns, f"/auv{number or 1}/settings")
+    except ParameterError:  # found before
+        return
+    for key, meaning in SHARED.items():
+        if not is_given(given, f"mission.{key}"):
+            value = getattr(settings.mission, key)
+            add = findings.note if number is None else findings.error
+            add(f"mission.{key} is not in the file: a simulation takes {value}, a vehicle needs {meaning} in it")
 
 
 def check_machine(settings: Settings, number: int, simulated: bool, findings: Findings) -> None:

@@ -300,6 +300,15 @@ def test_the_machine_of_a_vehicle_is_checked(tmp_path: Path) -> None:
     assert found(path, "error", "auv4") == [*found(path, "error"), "auv4 is not in the mission, which has 3 vehicles"]
 
 
+def test_numbers_that_a_vehicle_must_have_are_an_error_for_a_vehicle_alone(tmp_path: Path) -> None:
+    path = tmp_path / "short.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    mission: {steps: 30}\n")
+    text = "mission.vehicles is not in the file: a simulation takes 3, a vehicle needs the number of vehicles in it"
+    assert text in found(path, "note")
+    assert text in found(path, "error", "auv2")
+    assert not any("mission.steps is not" in line for line in found(path, "note"))
+
+
 def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     default = str(ROOT / "config" / "missions" / "default.yaml")
     assert main([default]) == 0

@@ -66,7 +66,9 @@ def test_the_index_of_a_recording_may_not_be_a_bomb_either(tmp_path: Path) -> No
 
 
 def test_a_mission_file_of_a_gigabyte_is_not_read(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match=r"m\.yaml is too large: 1,000 MB, at most 2 MB are read"):
+    with pytest.raises(
+        ParameterError, match=r"m\.yaml is too large: 1,000 MB, at most 2 MB are read\. Is this a mission file\?$"
+    ):
         read_parameter_file(sparse(tmp_path / "m.yaml", 10**9))
     assert MAX_YAML_BYTES < 10**9
 

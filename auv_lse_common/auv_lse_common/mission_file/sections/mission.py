@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from auv_lse_common.mission_file.parameters import parameter
+from auv_lse_common.mission_file.parameters import ParameterError, is_given, parameter, section
 from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
+
+#: The numbers that a vehicle takes from its file alone, by their key, in words: a default might not be the others'.
+SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,3 +141,19 @@ class MotionConfig:
             raise ValueError(
                 f"motion.actions_deg: {list(self.actions_deg)} is one turn; a vehicle would circle. Give another action"
             )
+
+
+def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
+    """`mission.vehicles` or `mission.steps` of a vehicle, which all vehicles must give alike: without default.
+
+    Raises:
+        ParameterError: if it is missing or not a whole number of at least 1.
+    """
+    mission = section(MissionConfig, parameters, "mission", where)
+    if not is_given(parameters, f"mission.{key}"):
+        raise ParameterError(
+            f"{where}: mission.{key} is missing; all vehicles must share it. Add {SHARED[key]} to the mission file, "
+            "section mission, under '/**:'"
+        )
+    value: int = getattr(mission, key)
+    return value
