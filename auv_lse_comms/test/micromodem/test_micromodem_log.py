@@ -75,14 +75,15 @@ def test_a_replay_writes_and_reports_the_same_again():
     assert {type(event) for event in told} >= {PacketReceived, TransmitDone, TransmitFailed}
     text = "".join(format_entry(entry) + "\n" for entry in log)
     again = replay_log(read_entries(io.StringIO(text)), CONFIG)
-    assert [event for _, event in again.events] == told
+    assert [repr(event) for _, event in again.events] == [repr(event) for event in told]  # with NaN, as below
     assert again.written == again.logged
     assert again.written.startswith(b"$CCCFG,SRC,3*")
     assert again.modem.address == 3
 
 
 def test_logging_does_not_change_what_the_driver_does():
-    assert a_day_at_sea(Micromodem(CONFIG, 3, lambda *entry: None)) == a_day_at_sea(Micromodem(CONFIG, 3))
+    logged, silent = a_day_at_sea(Micromodem(CONFIG, 3, lambda *entry: None)), a_day_at_sea(Micromodem(CONFIG, 3))
+    assert [repr(event) for event in logged] == [repr(event) for event in silent]
 
 
 def test_a_log_shows_that_the_driver_has_changed():

@@ -179,7 +179,7 @@ def test_a_planner_whose_safety_node_is_silent_counts_no_steps_until_its_state_a
         planner = s.node._planner
         for _ in range(2):
             s.node._on_state(runs)
-            s.until(lambda: not planner._blocked_reason)
+            s.until(lambda: not planner._blocked_reason, each=lambda: s.node._on_state(runs))
             s.until(lambda: "safety_node has been silent" in planner._blocked_reason)
 
 
