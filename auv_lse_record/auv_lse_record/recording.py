@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+from auv_lse_common.support.user_error import brief
 from auv_lse_common.topics.table import Topic, find_topic
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.earlier_versions import Translator
@@ -285,8 +286,8 @@ class Recording:
 
     def _broken(self, error: Exception) -> RecordingError:
         return RecordingError(
-            f"{self.path}: cannot be read as a rosbag2 recording: {str(error).rstrip('.')}. If the recorder was "
-            f"killed, repair it: auv_lse recover {shlex.quote(str(self.path))}"
+            f"{self.path}: cannot be read as a rosbag2 recording: {brief(error)}. If the recorder was killed "
+            f"or a disk damaged it, repair it: auv_lse recover {shlex.quote(str(self.path))}"
         )
 
 

@@ -56,7 +56,7 @@ def recover(path: Path) -> Recovered:
         raise RecordingError(f"{recording} cannot be recovered; of {' and '.join(STORAGES)} only .mcap can")
     found = next((file for file in files if not _is_whole(file)), None)
     if found is None:
-        raise _Complete(f"{recording} is complete; nothing to recover")
+        return _without_index(recording, files)
     new = found.with_name(found.name + ".new")
     try:
         with _content(found) as data, new.open("wb") as target:
@@ -76,6 +76,30 @@ def recover(path: Path) -> Recovered:
         with suppress(OSError):  # the part for which there was room
             new.unlink()
     return Recovered(file=found, kept=kept, messages=messages, lost_bytes=lost, nameless=nameless)
+
+
+def _without_index(recording: Path, files: list[Path]) -> Recovered:
+    """Puts an index beside whole files aside if it is damaged: one file needs none.
+
+    Raises:
+        RecordingError: if the recording is complete, or several files need the index.
+    """
+    try:
+        with Recording(recording):
+            pass
+    except RecordingError as error:
+        if not recording.is_dir():
+            raise
+        if len(files) > 1:
+            text = (
+                f"{recording / _METADATA} is damaged, and its {len(files)} files need it: ros2 bag reindex {recording}"
+            )
+            raise RecordingError(text) from error
+    else:
+        raise _Complete(f"{recording} is complete; nothing to recover")
+    with Recording(files[0]) as whole:
+        messages = sum(topic.count for topic in whole.topics.values())
+    return Recovered(file=files[0], kept=_put_aside(recording / _METADATA), messages=messages, lost_bytes=0)
 
 
 def _put_aside(file: Path) -> Path:

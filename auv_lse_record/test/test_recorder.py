@@ -291,6 +291,19 @@ def test_a_recording_that_was_copied_in_part_is_recovered_although_its_metadata_
         recover(tmp_path / "bag")
 
 
+@pytest.mark.parametrize("index", ["", "a" * 1000, "a: 1\na: 2\n"])
+def test_a_damaged_index_beside_a_whole_file_is_put_aside(tmp_path: Path, types: Any, index: str) -> None:
+    written(tmp_path / "bag", types, 100)
+    (tmp_path / "bag" / "metadata.yaml").write_text(index)
+    with pytest.raises(RecordingError, match=r"auv_lse recover .*bag") as refused, Recording(tmp_path / "bag"):
+        pass
+    assert "\n" not in str(refused.value)
+    assert recover(tmp_path / "bag").messages == 100
+    with Recording(recording_in(tmp_path / "bag")) as recording:
+        assert len(list(recording.messages({"/clock"}))) == 100
+    assert (tmp_path / "bag" / "metadata.yaml.torn").read_text() == index
+
+
 def test_a_second_recovery_keeps_the_damaged_file_of_the_first(
     tmp_path: Path, types: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,6 +3,8 @@
 Readers check the size of an input before they process it.
 """
 
+import errno
+import stat
 from pathlib import Path
 
 #: Bytes of a mission, campaign or other YAML file.
@@ -29,9 +31,12 @@ def over_size(path: Path, most_bytes: int) -> str:
     """The error for a file that is too large ("FILE is too large: 2,100 MB, at most 500 MB are read"), else "".
 
     Raises:
-        OSError: if it cannot be read.
+        OSError: if it cannot be read, or is a device, which may never end.
     """
-    size = path.stat().st_size
+    status = path.stat()
+    if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
+        raise OSError(errno.EINVAL, "it is a device and not a file", str(path))
+    size = status.st_size
     return (
         f"{path} is too large: {size / 1e6:,.0f} MB, at most {most_bytes / 1e6:,.0f} MB are read"
         if size > most_bytes
