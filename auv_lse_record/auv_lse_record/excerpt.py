@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_record.growing_file import CHANNEL, HEAD, MESSAGE, MESSAGE_HEAD, SCHEMA, GrowingFile
-from auv_lse_record.recording import RecordingError
+from auv_lse_record.recording import RecordingError, damaged
 
 #: An excerpt ends after the block of records with which it reaches this size (bytes), or has taken this time (s).
 MOST_BYTES, _MOST_S = 200_000, 0.5
@@ -143,7 +143,7 @@ class _Excerpt:
         except (OSError, RecordingError):
             raise
         except Exception as error:  # mcap raises errors of many kinds for a damaged file
-            raise RecordingError(f"{self._path}: damaged near byte {file.offset}: {error!r}") from error
+            raise RecordingError(damaged(self._path, file.offset, error)) from error
         self.cursor.offset = file.offset
         return bytes(self._kept)
 

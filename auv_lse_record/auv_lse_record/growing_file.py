@@ -10,7 +10,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from auv_lse_record.recording import RecordingError
+from auv_lse_record.recording import RecordingError, damaged
 
 #: Whether a message of a topic, serialized (CDR), is wanted; None: every message.
 Wanted = Callable[[str, bytes], bool] | None
@@ -115,7 +115,7 @@ class RecordingFile:
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
         except Exception as error:  # mcap and rosbags raise errors of many kinds for a damaged file
-            raise RecordingError(f"{self.path}: damaged near byte {self._file.offset}: {error!r}") from error
+            raise RecordingError(damaged(self.path, self._file.offset, error)) from error
 
     def _contents(self, records: bytes, topics: frozenset[str]) -> Iterator[tuple[str, str, bytes]]:
         """Topic, type and bytes of the messages in records. One loop: a long mission has half a million of them."""

@@ -37,6 +37,12 @@ class RecordingError(ValueError):
     """A recording is missing or damaged, or lacks data of a mission."""
 
 
+def damaged(path: Path, at: int, error: Exception) -> str:
+    """The text about a recording, perhaps still being written, that cannot be read near byte number `at`."""
+    cure = f"When nothing writes to it, repair it: auv_lse recover {shlex.quote(str(path))}"
+    return f"{path}: damaged near byte {at:,}: {brief(error)}. {cure}"
+
+
 class RecordedValue(NamedTuple):
     """The content of one message.
 
