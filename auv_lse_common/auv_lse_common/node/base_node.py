@@ -17,7 +17,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from auv_lse_common.mission_file.parameters import describe, merge, nest, to_mapping
+from auv_lse_common.mission_file.parameters import describe, flatten, merge, nest, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.dive import ForeignMessages, own_dive
 from auv_lse_common.node.heartbeat import Heartbeat
@@ -211,7 +211,7 @@ class BaseNode(Node):
         descriptors: dict[str, ParameterDescriptor] = {}
         for name, config in sections.items():
             descriptors |= _descriptors(type(config), name, tunable)
-            for key, value in _flatten(to_mapping(config), name).items():
+            for key, value in flatten(to_mapping(config), f"{name}.").items():
                 descriptor = descriptors.get(key, ParameterDescriptor(read_only=key not in tunable))
                 if self.has_parameter(key):  # a parameter file gave it
                     given = self.describe_parameter(key)
@@ -271,11 +271,3 @@ def _descriptors(config: type, section: str, tunable: tuple[str, ...]) -> dict[s
 def _plain(value: Any) -> Any:
     """A parameter's value as in a mission file; ROS gives lists of numbers as arrays."""
     return list(value) if isinstance(value, array.array) else value
-
-
-def _flatten(nested: Mapping[str, Any], prefix: str) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in nested.items():
-        name = f"{prefix}.{key}"
-        flat.update(_flatten(value, name) if isinstance(value, Mapping) else {name: value})
-    return flat

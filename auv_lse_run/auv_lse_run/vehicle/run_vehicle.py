@@ -17,11 +17,11 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
-from auv_lse_common.mission_file.parameters import ParameterError, merge, section
+from auv_lse_common.mission_file.parameters import ParameterError, flatten, merge, section
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.mission_file.settings import beyond_team, check_pattern, check_vehicle
+from auv_lse_common.mission_file.settings import Settings, beyond_team, check_pattern, check_vehicle
 from auv_lse_common.node.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
 from auv_lse_common.support.installed_copy import COPY_VARIABLE, note_software, own_copy
 from auv_lse_common.support.project_folder import project_folder
@@ -35,6 +35,7 @@ from auv_lse_run.process.domain import (
     node_environment,
     note_run,
     refuse_running_dive,
+    run_on,
     simulator_of,
     vehicle_domain,
     wanted_domain,
@@ -218,12 +219,15 @@ def begin_dive(
 
     Raises:
         DomainError: if the domain is invalid or in use, or if the vehicle's nodes run in `out` already.
+        ParameterError: if the simulator there flies another mission.
         StateFolderError: if the nodes' state could not be kept.
     """
     simulator = simulator_of(file.resolve().parent) if processes.simulated else None
     domain = domain_number(wanted_domain(wanted) or simulator or "0")
     with vehicle_domain(domain, processes.vehicle, processes.simulated):
         refuse_running_dive(out, processes.vehicle)
+        if processes.simulated and (run := run_on(domain)):
+            _refuse_other_mission(processes, file, run / "mission.yaml", domain)
         dive = (processes.simulated and dive_on(domain)) or new_dive(f"auv{processes.vehicle}")
         variables = record.begin(out, dive) | {COPY_VARIABLE: own_copy()}
         note_software(out)
@@ -234,6 +238,18 @@ def begin_dive(
         finally:
             if processes.simulated or first_signal() != signal.SIGHUP:  # a lost connection does not end a dive
                 record.end()
+
+
+def _refuse_other_mission(processes: VehicleProcesses, file: Path, simulated: Path, domain: int) -> None:
+    """Refuses the parameters of a vehicle that contradict those of the simulation, which has recorder and world."""
+    missions = (Settings.load(path).parameters(processes.vehicle) for path in (processes.file, simulated))
+    mine, others = (flatten({**own, "record": {}, "sim": {"lockstep": own["sim"]["lockstep"]}}) for own in missions)
+    for name in (*others, *mine):
+        if (value := mine.get(name)) != (other := others.get(name)):
+            raise ParameterError(
+                f"{file}: {name} is {value!r}, but {other!r} in the mission simulated in ROS domain {domain}. Start "
+                f"auv{processes.vehicle} with {simulated}"
+            )
 
 
 def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -13,7 +14,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import open_state
 from auv_lse_common.vocabulary.mission_run import RunState
-from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain, simulation_domain
 from auv_lse_run.vehicle.run_vehicle import (
     begin_dive,
     ignored_parameters,
@@ -145,6 +146,34 @@ def test_a_dive_that_runs_is_not_started_again_in_another_domain(
             assert main(["auv2", str(file), "--out", str(out), "--domain", str(other)]) == 2
             assert f"the dive of auv2 that runs now, in ROS domain {one} (process " in capsys.readouterr().err
             assert (out / "auv2.dive").read_bytes() == kept
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ({"mission": {**FOR_ALL["mission"], "seed": 5}}, "mission.seed is 5, but 1"),
+        ({"mission": {**FOR_ALL["mission"], "vehicles": 2}}, "mission.vehicles is 2, but 3"),
+        ({"level_set": {"level_m": 9.0}}, "level_set.level_m is 9.0, but 12.0"),
+        ({"sim": {"lockstep": False}}, "sim.lockstep is False, but True"),
+        ({"own": {"vehicle": {"speed_mps": 0.7}}}, "vehicle.speed_mps is 0.7, but "),
+    ],
+)
+def test_a_vehicle_of_another_mission_than_the_simulated_one_is_refused(
+    other: dict[str, Any], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, level = tmp_path / "run", {"level_set": {"level_m": 12.0}}
+    run.mkdir()
+    simulated = write(run, **level, sim={"lockstep": True}).rename(run / "mission.yaml")
+    with simulation_domain(None, run) as domain:
+        same = write(tmp_path, **level, record={"folder": "elsewhere"})
+        record, out = open_dive("auv2", same, None, tmp_path / "dives", True)
+        with begin_dive(processes(same, simulated=True), str(domain), same, out, record) as (joined, _):
+            assert joined == domain, "recorder and world are the simulator's own"
+        own = write(tmp_path, **(level | other))
+        assert main(["auv2", str(own), "--simulated", "--domain", str(domain), "--out", str(tmp_path / "new")]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert f"start auv2 with {simulated}" in error.lower()
 
 
 def test_parameters_that_no_vehicle_has_are_listed(tmp_path: Path) -> None:

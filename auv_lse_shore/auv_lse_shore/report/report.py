@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.mission_file.parameters import flatten
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.health import LEGS_LEFT, LEGS_PLANNED
@@ -118,12 +119,5 @@ def _parameters(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[s
     for pattern, sections in parameters.items():
         for section, content in sections.items():
             name = section if pattern == "/**" else f"{section} ({pattern})"
-            yield name, list(_flat(content if isinstance(content, Mapping) else {"": content}))
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", str(value)
+            flat = flatten(content if isinstance(content, Mapping) else {"": content})
+            yield name, [(key, str(value)) for key, value in flat.items()]
