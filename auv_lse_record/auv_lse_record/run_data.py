@@ -101,6 +101,7 @@ class VehicleRun:
         fixes: Fixes taken under way, in order of time.
         mates: Navigation data of received packets, in order of time.
         ended_early: Why its mission ended or was aborted before its last leg; "" if it did not.
+        on_a_leg: Whether its recording ends before the leg that was decided last was complete.
         battery: Last values of `LEGS_LEFT`, `LEGS_PLANNED` and `BATTERY_LASTS` while its mission ran; empty if unknown.
     """
 
@@ -115,6 +116,7 @@ class VehicleRun:
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
     ended_early: str = ""
+    on_a_leg: bool = False
     battery: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -155,8 +157,14 @@ class VehicleRun:
 
     @property
     def steps(self) -> int:
-        """Number of steps decided: 1 + the last decision's step, 0 without decisions."""
-        return max((d.step for d in self.decisions), default=-1) + 1
+        """Number of legs travelled, as the simulator counts them: those decided, except one that was cut off."""
+        decided = max((d.step for d in self.decisions), default=-1) + 1
+        return max(decided - self.on_a_leg, 0)
+
+    @property
+    def travelled(self) -> list[DecisionRecord]:
+        """The decisions whose legs were travelled."""
+        return [d for d in self.decisions if d.step < self.steps]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,5 +252,5 @@ class RunData:
 
     @property
     def steps(self) -> int:
-        """Largest number of steps of any vehicle."""
+        """Largest number of legs travelled by any vehicle."""
         return max((v.steps for v in self.vehicles), default=0)

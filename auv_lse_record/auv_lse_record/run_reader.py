@@ -18,7 +18,7 @@ from auv_lse_common.mission_file.retired import notes_on_retired, without_retire
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.records import BoundReport, HealthReport, PlanReport, RunReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
-from auv_lse_common.vocabulary.mission_run import RunState
+from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError, recording_in
 from auv_lse_record.run_data import DecisionRecord, GroundGrid, PacketReceived, RunData, VehicleRun, origin_of
@@ -230,19 +230,32 @@ def _vehicle_run(number: int, log: _Log, method: str) -> VehicleRun:
         fixes=sorted(values["fix"], key=lambda fix: fix.stamp_s),
         mates=sorted(values["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
         ended_early=why_ended_early(states),
+        on_a_leg=ended_on_a_leg(states),
         battery=battery_of(values["diagnostics"]),
     )
 
 
 def why_ended_early(states: Sequence[RunReport]) -> str:
     """Why a mission, whose states are in order of time, ended or was aborted before its last leg; "" if it was not."""
-    reason: str | None = None
+    end = _end(states)
+    return end.reason if end is not None and end.ended_early else ""
+
+
+def ended_on_a_leg(states: Sequence[RunReport]) -> bool:
+    """Whether a mission, whose states are in order of time, was cut off on a leg; without states it is complete."""
+    end = _end(states)
+    return bool(states) and (end is None or end.ended_early)
+
+
+def _end(states: Sequence[RunReport]) -> RunStatus | None:
+    """The status with which a mission ended or was aborted; None if it runs."""
+    end: RunStatus | None = None
     for status in (report.status for report in states):
         if status.state not in (RunState.ENDED, RunState.ABORTED):
-            reason = None
-        elif reason is None:  # later states, such as a mate's abort, do not end it again
-            reason = status.reason if status.ended_early else ""
-    return reason or ""
+            end = None
+        elif end is None:  # later states, such as a mate's abort, do not end it again
+            end = status
+    return end
 
 
 def battery_of(messages: Sequence[list[HealthReport]]) -> dict[str, str]:

@@ -7,7 +7,9 @@ from auv_lse_common.topics.records import HealthReport, RunReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
 from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_record.run_data import VehicleRun
-from auv_lse_record.run_reader import battery_of, why_ended_early
+from auv_lse_record.run_reader import battery_of, ended_on_a_leg, why_ended_early
+
+LAST = "the last leg is complete"
 
 
 def test_wrong_columns_are_rejected():
@@ -31,22 +33,31 @@ def test_of_the_battery_the_last_values_count_while_the_mission_ran():
 
 
 @pytest.mark.parametrize(
-    ("states", "reason"),
+    ("states", "reason", "is_on_a_leg"),
     [
-        ([(RunState.RUNNING, "GO"), (RunState.ENDED, "the last leg is complete")], ""),
-        ([(RunState.RUNNING, "GO"), (RunState.ENDED, "the battery suffices for the way")], "the battery suffices"),
-        ([(RunState.RUNNING, "GO"), (RunState.ABORTED, "running for 104 s")], "running for 104 s"),
-        ([(RunState.ABORTED, "a leak"), (RunState.ABORTED, "ABORT by auv2")], "a leak"),
-        ([(RunState.ENDED, "the last leg is complete"), (RunState.ABORTED, "ABORT by auv2")], ""),
-        ([(RunState.ABORTED, "a leak"), (RunState.RUNNING, "GO"), (RunState.ENDED, "the last leg is complete")], ""),
-        ([(RunState.RUNNING, "GO"), (RunState.HOLDING, "HOLD by test")], ""),
-        ([], ""),
+        ([(RunState.RUNNING, "GO"), (RunState.ENDED, LAST)], "", False),
+        ([(RunState.RUNNING, "GO"), (RunState.ENDED, "the battery suffices for the way")], "the battery suffices", True),
+        ([(RunState.RUNNING, "GO"), (RunState.ABORTED, "running for 104 s")], "running for 104 s", True),
+        ([(RunState.ABORTED, "a leak"), (RunState.ABORTED, "ABORT by auv2")], "a leak", True),
+        ([(RunState.ENDED, LAST), (RunState.ABORTED, "ABORT by auv2")], "", False),
+        ([(RunState.ABORTED, "a leak"), (RunState.RUNNING, "GO"), (RunState.ENDED, LAST)], "", False),
+        ([(RunState.ENDED, LAST), (RunState.RUNNING, "GO")], "", True),
+        ([(RunState.RUNNING, "GO"), (RunState.HOLDING, "HOLD by test")], "", True),
+        ([], "", False),
     ],
 )
-def test_why_a_mission_ended_early_is_what_ended_it(states, reason):
+def test_what_ended_a_mission_decides_whether_it_ended_early_and_on_a_leg(states, reason, is_on_a_leg):
     reports = [
         RunReport(stamp_s=float(i), revision=i, status=RunStatus(state=state, stop=None, reason=text))
         for i, (state, text) in enumerate(states)
     ]
     assert why_ended_early(reports).startswith(reason)
     assert bool(why_ended_early(reports)) == bool(reason)
+    assert ended_on_a_leg(reports) == is_on_a_leg
+
+
+@pytest.mark.parametrize(("on_a_leg", "decided", "travelled"), [(False, 3, 3), (True, 3, 2), (True, 1, 0), (True, 0, 0)])
+def test_a_leg_that_was_decided_but_not_completed_is_not_travelled(synthetic_run, on_a_leg, decided, travelled):
+    decisions = synthetic_run(steps=4).vehicles[0].decisions[:decided]
+    vehicle = VehicleRun(vehicle=1, decisions=decisions, on_a_leg=on_a_leg)
+    assert (vehicle.steps, len(vehicle.travelled)) == (travelled, travelled)

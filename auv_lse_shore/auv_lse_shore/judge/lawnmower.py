@@ -98,7 +98,7 @@ def flown_map_risk(
     run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths], map_m: Array
 ) -> float:
     """Map risk over `map_m` (P, 2) that the prior expects after the legs that all vehicles travelled."""
-    legs = [own.leg(d) for v, own in zip(run.vehicles, paths, strict=True) for d in v.decisions]
+    legs = [own.leg(d) for v, own in zip(run.vehicles, paths, strict=True) for d in v.travelled]
     flown = np.concatenate([np.empty((0, 2)), *legs])
     blank, level_set = blank_map(settings[0]), LevelSet.of(settings[0].level_set)
     return float(risk_if_measured(blank, flown, level_set, map_m)[1].mean())

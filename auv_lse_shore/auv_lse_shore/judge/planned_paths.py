@@ -73,9 +73,9 @@ def leg_times(vehicle: VehicleRun, paths: PlannedPaths) -> Array:
 
 
 def soundings_by_leg(vehicle: VehicleRun, paths: PlannedPaths, steps: int) -> list[Soundings]:
-    """A vehicle's soundings by the leg they were made on; those before the first leg count to it."""
+    """A vehicle's soundings by the leg they were made on; those before the first or after the last count to it."""
     legs = [Soundings.from_rows(())] * steps
-    if len(vehicle.decisions) == 0:
+    if len(vehicle.decisions) == 0 or not legs:
         return legs
     times = leg_times(vehicle, paths)
     index = np.clip(np.searchsorted(times[:-1], vehicle.soundings.stamp_s, side="right") - 1, 0, None)
@@ -83,5 +83,6 @@ def soundings_by_leg(vehicle: VehicleRun, paths: PlannedPaths, steps: int) -> li
     edges = np.searchsorted(index[order], np.arange(len(vehicle.decisions) + 1))
     for number, decision in enumerate(vehicle.decisions):
         own = vehicle.soundings[order[edges[number] : edges[number + 1]]]
-        legs[decision.step] = Soundings.join([legs[decision.step], own])
+        leg = min(decision.step, steps - 1)  # the last leg may have been cut off
+        legs[leg] = Soundings.join([legs[leg], own])
     return legs

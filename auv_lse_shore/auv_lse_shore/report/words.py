@@ -110,7 +110,7 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
         late = f"All {planned_steps} steps were travelled: the quality asked for was not reached in time to end earlier"
         return [f"{late} ({s.quality_asked})."] if s.quality_asked else []
     if not s.steps:
-        return ["No legs are recorded: this is a survey, or the mission did not begin."]
+        return ["No complete leg is recorded: this is a survey, or the mission ended before or on its first leg."]
     if s.quality_reached:
         return [
             f"The mission ended because the quality asked for was reached, at step {s.steps} of {planned_steps}: "

@@ -164,6 +164,24 @@ def test_a_plan_that_is_kept_is_read_from_where_the_vehicle_is(synthetic_run):
         assert path.ahead(kept).states[0][1:] == pytest.approx(everything[step - 1])
 
 
+@pytest.mark.parametrize("decided", [1, 4])
+def test_soundings_of_a_leg_that_was_cut_off_are_in_the_last_map_but_the_leg_is_not_travelled(synthetic_run, decided):
+    run = synthetic_run(steps=4)
+    settings, area = settings_of(run)
+    map_m = np.array([[30.0, 50.0], [70.0, 120.0]])
+    for vehicle in run.vehicles:
+        vehicle.decisions = vehicle.decisions[:decided]
+    whole = reward_curves(run, settings, area, map_m=map_m)
+    for vehicle in run.vehicles:
+        vehicle.on_a_leg = True
+    curves = reward_curves(run, settings, area, map_m=map_m)
+    assert (run.steps, len(curves.stepwise)) == (decided - 1, decided)
+    if run.steps:
+        assert curves.risk[-1] == pytest.approx(whole.risk[-1], rel=1e-9)
+        assert curves.flown_risk > whole.flown_risk, "expected after fewer legs"
+        assert curves.mowing_risk > whole.mowing_risk, "compared with fewer legs"
+
+
 def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
     from dataclasses import replace
 

@@ -228,7 +228,9 @@ def test_a_mission_cut_at_step_22_of_100_is_compared_with_that_part_of_a_lawnmow
     assert whole.summary.flown_risk < 0.8 * s.flown_risk < s.risk_before
     assert headlines(s, 100)[0].startswith("The mission ended early, after 22 of 100 steps.")
     survey = dataclasses.replace(s, steps=0)
-    assert headlines(survey, 1)[0] == "No legs are recorded: this is a survey, or the mission did not begin."
+    assert headlines(survey, 1)[0] == (
+        "No complete leg is recorded: this is a survey, or the mission ended before or on its first leg."
+    )
     text = text_of(evaluation)
     assert f"The path flown was expected to reach {number(s.flown_risk, 3)}." in text
     assert (
