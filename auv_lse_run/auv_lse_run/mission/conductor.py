@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -13,7 +14,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.mission.display import Display, MissionProgress, progress_of
 from auv_lse_run.mission.watch_node import MissionWatch
 from auv_lse_run.process.interrupt import Interrupt
-from auv_lse_run.process.keeper import ProcessKeeper, node_task
+from auv_lse_run.process.keeper import SILENT_S, ProcessKeeper, node_task
 from auv_lse_run.process.processes import Process, last_lines
 
 _START_S, _PERIOD_S = 90.0, 0.1
@@ -120,7 +121,8 @@ def _keeper(
     clock = {process: () if process.executable == "sim_node" else ("-p", "use_sim_time:=true") for process in processes}
     tasks = [node_task(process, folder / "mission.yaml", *clock[process]) for process in processes]
     logs, in_turn = folder / "logs", settings.sim.lockstep
-    return ProcessKeeper(tasks, logs, environment, console.print, restart=False, in_turn=in_turn)
+    silent_s = math.inf if settings.sim.lockstep else SILENT_S  # in lockstep the simulator names who does not answer
+    return ProcessKeeper(tasks, logs, environment, console.print, restart=False, silent_s=silent_s, in_turn=in_turn)
 
 
 def write_times(

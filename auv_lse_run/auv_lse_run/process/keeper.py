@@ -6,13 +6,14 @@ The caller calls `ProcessKeeper.tick` a few times a second; the first call start
 forked by a fork server, which imports their modules; other programs are started directly. No process depends on a log
 file. A process that has ended is reported by `tick`. What follows depends on `restart`:
 
-- False, for a mission in lockstep: nothing. A mission cannot go on without one of its nodes, so the caller ends it.
+- False, for a simulated mission: nothing. A mission cannot go on without one of its nodes, so the caller ends it.
 - True, for a vehicle: the process is started again at once, because an autopilot's failsafe does not wait for its
   link. If it dies again within `STEADY_S`, it waits for `FIRST_WAIT_S`, and twice as long with each further death, up
   to `LONGEST_WAIT_S`. If the fork server dies, its nodes die with it, and all are started again.
 
 Watchdog: a node reports once a second that it serves its callbacks (`heartbeat`). One that was silent for `silent_s`
-although its process runs is killed and restarted. If the fork server does not report that death within `_DEATH_S`, the
+although its process runs is killed and restarted; without `restart`, a node that hangs, and one that answers again, is
+only reported. If the fork server does not report that death within `_DEATH_S`, the
 keeper kills the fork server and its children. Silence is counted in the keeper's own ticks, so that no node is killed
 after the computer was suspended.
 """
@@ -114,6 +115,7 @@ class _State:
     limit_s: float = math.inf  # longest silence; infinite for other programs before their first heartbeat
     hangs: int = 0  # in a row
     killed: bool = False  # by the watchdog
+    is_reported: bool = False  # its hang, which ends by itself or with the mission
 
     @property
     def begun(self) -> bool:
@@ -140,15 +142,15 @@ class ProcessKeeper:
         Args:
             logs: Folder of the log files, one for each task; restarts append.
             environment: Environment of the processes.
-            say: Called with a line for each start and death (with `restart`), for long loading, and for what a
-                process reports.
+            say: Called with a line for each start and death (with `restart`), each hang, for long loading, and for
+                what a process reports.
             restart: Whether a process that died or hangs is restarted.
             silent_s: Watchdog: longest silence (s) of a process; infinite: no watchdog.
             in_turn: As `ForkServer` takes it.
         """
         self._states = [_State(task) for task in tasks]
         self._logs, self._say, self._restart = logs, say, restart
-        self._silent_limit_s, self._in_turn = silent_s if restart else math.inf, in_turn
+        self._silent_limit_s, self._in_turn = silent_s, in_turn
         self._heartbeats = Heartbeats() if sys.platform == "linux" else None
         self._environment = dict(environment)
         if self._heartbeats is not None:
@@ -252,10 +254,18 @@ class ProcessKeeper:
             return
         state.silent_s += passed_s
         if process.pid in alive and not state.killed:
-            state.silent_s = 0.0
+            if state.is_reported:
+                self._say(f"{state.task.name} answers again after {state.silent_s:.0f} s")
+            state.silent_s, state.is_reported = 0.0, False
             state.served_s = now_s if math.isnan(state.served_s) else state.served_s
             state.limit_s = self._silent_limit_s * state.task.silent_share * 2.0**state.hangs
-        if state.silent_s < state.limit_s:
+        if state.silent_s < state.limit_s or state.is_reported:
+            return
+        if not self._restart and not math.isnan(state.served_s):
+            state.is_reported = True
+            self._say(
+                f"{state.task.name} hangs: process {process.pid} has served no callback for {state.silent_s:.0f} s"
+            )
             return
         if state.killed:
             self._say(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
+import re
 import signal
 import sys
 import time
@@ -28,7 +30,9 @@ from auv_lse_run.process.processes import Process
 class Bench:
     """A keeper with a clock of its own, and what it has said."""
 
-    def __init__(self, folder: Path, restart: bool = True, share: float = 1.0, **commands: str) -> None:
+    def __init__(
+        self, folder: Path, restart: bool = True, share: float = 1.0, silent_s: float = SILENT_S, **commands: str
+    ) -> None:
         self.now_s, self.said = 100.0, []
         tasks = [
             Task(
@@ -39,7 +43,7 @@ class Bench:
             )
             for name, text in commands.items()
         ]
-        self.keeper = ProcessKeeper(tasks, folder, os.environ, self.said.append, restart=restart)
+        self.keeper = ProcessKeeper(tasks, folder, os.environ, self.said.append, restart=restart, silent_s=silent_s)
 
     def after(self, seconds: float) -> list[tuple[str, int]]:
         self.now_s += seconds
@@ -106,6 +110,33 @@ def test_hanging_process_is_killed_and_restarted(tmp_path: Path, share: float) -
     assert bench.keeper.why_died("node", -9) == "SIGKILL: the watchdog killed it"
     bench.after(FIRST_WAIT_S)
     assert bench.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
+    bench.keeper.stop()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="as above")
+@pytest.mark.parametrize("silent_s", [30.0, math.inf])
+def test_a_hang_in_a_mission_is_reported_once_and_its_end_too(tmp_path: Path, silent_s: float) -> None:
+    bench = Bench(tmp_path, restart=False, silent_s=silent_s, node=f'exec {sys.executable} -c "{ALIVE}"')
+    bench.after(0.0)
+    time.sleep(0.5)
+    alive_for(bench, 40.0)
+    pid = bench.keeper.running["node"]
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(0.1)
+    bench.after(1.0)  # takes what it has still said
+    alive_for(bench, 50.0)
+    hangs = [f"node hangs: process {pid} has served no callback for 30 s"]
+    assert bench.said == (hangs if silent_s == 30.0 else []), "lockstep: a node may take any time for a tick"
+    os.kill(pid, signal.SIGCONT)
+    time.sleep(0.5)
+    alive_for(bench, 40.0)
+    answers = re.compile("node answers again after 5[12] s")
+    assert [bool(answers.fullmatch(text)) for text in bench.said] == ([False, True] if silent_s == 30.0 else [])
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(0.1)
+    bench.after(1.0)
+    alive_for(bench, 31.0)
+    assert bench.said[2:] == (hangs if silent_s == 30.0 else []), "each hang is reported"
     bench.keeper.stop()
 
 
