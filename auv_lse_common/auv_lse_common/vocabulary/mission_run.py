@@ -405,4 +405,6 @@ class MissionRun:
         keep_surface = keep_surface or bool(self.limits) or self._state is RunState.ABORTED
         if command is Command.HOLD and self._stop == _SURFACE and keep_surface:
             stop = _SURFACE
-        self._state, self._stop, self._reason = state, stop, reason
+        if state is not self._state or state not in (RunState.ENDED, RunState.ABORTED):
+            self._reason = reason  # a mission that is over keeps why
+        self._state, self._stop = state, stop

@@ -278,3 +278,20 @@ def test_the_end_stops_the_vehicle_and_its_planner(then: Stop | None) -> None:
     assert run.status.stop_after(SURFACE) == HOLD
     run.command(Command.ABORT, "operator")
     assert run.status.stop_after(SURFACE) == SURFACE, "no longer at its last leg"
+
+
+@pytest.mark.parametrize("state", [RunState.ENDED, RunState.ABORTED])
+@pytest.mark.parametrize("command", [Command.HOLD, Command.SURFACE])
+def test_a_command_to_a_mission_that_is_over_moves_the_vehicle_and_keeps_the_reason(
+    state: RunState, command: Command
+) -> None:
+    run = in_state(state)
+    reason = run.status.reason
+    assert run.command(command, "operator") == ""
+    assert (run.status.state, run.status.reason) == (state, reason)
+    assert run.status.stop == (SURFACE if command is Command.SURFACE or state is RunState.ABORTED else HOLD)
+    run.trip("depth", SURFACE, "12.0 m deep")
+    assert run.status.reason == reason
+    assert run.status.limits == ("depth: 12.0 m deep",)
+    run.command(Command.ABORT, "operator")
+    assert run.status.reason == (reason if state is RunState.ABORTED else "ABORT by operator")
