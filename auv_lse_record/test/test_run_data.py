@@ -36,7 +36,11 @@ def test_of_the_battery_the_last_values_count_while_the_mission_ran():
     ("states", "reason", "is_on_a_leg"),
     [
         ([(RunState.RUNNING, "GO"), (RunState.ENDED, LAST)], "", False),
-        ([(RunState.RUNNING, "GO"), (RunState.ENDED, "the battery suffices for the way")], "the battery suffices", True),
+        (
+            [(RunState.RUNNING, "GO"), (RunState.ENDED, "the battery suffices for the way")],
+            "the battery suffices",
+            True,
+        ),
         ([(RunState.RUNNING, "GO"), (RunState.ABORTED, "running for 104 s")], "running for 104 s", True),
         ([(RunState.ABORTED, "a leak"), (RunState.ABORTED, "ABORT by auv2")], "a leak", True),
         ([(RunState.ENDED, LAST), (RunState.ABORTED, "ABORT by auv2")], "", False),
@@ -56,7 +60,9 @@ def test_what_ended_a_mission_decides_whether_it_ended_early_and_on_a_leg(states
     assert ended_on_a_leg(reports) == is_on_a_leg
 
 
-@pytest.mark.parametrize(("on_a_leg", "decided", "travelled"), [(False, 3, 3), (True, 3, 2), (True, 1, 0), (True, 0, 0)])
+@pytest.mark.parametrize(
+    ("on_a_leg", "decided", "travelled"), [(False, 3, 3), (True, 3, 2), (True, 1, 0), (True, 0, 0)]
+)
 def test_a_leg_that_was_decided_but_not_completed_is_not_travelled(synthetic_run, on_a_leg, decided, travelled):
     decisions = synthetic_run(steps=4).vehicles[0].decisions[:decided]
     vehicle = VehicleRun(vehicle=1, decisions=decisions, on_a_leg=on_a_leg)

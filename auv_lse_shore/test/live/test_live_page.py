@@ -281,6 +281,47 @@ def test_a_planners_last_warning_ends_with_the_mission(browser, serving):
     browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
 
 
+def test_an_abort_makes_one_alarm_and_an_old_missed_slot_none(browser, serving):
+    end = browser.ask("liveView.store.lastS + 10")
+    rows = "[...document.querySelectorAll('#alarms tbody td[data-level]')].map(cell => cell.textContent)"
+
+    def add(kind, t, **values):
+        browser.ask(f"liveView.store.add({json.dumps({'kind': kind, 't': t, 'vehicle': 2, **values})})")
+
+    def note(t):
+        at(browser, t)
+        return browser.ask("document.querySelectorAll('.vehicle')[1].querySelector('.note').textContent")
+
+    at(browser, end)
+    before = browser.ask(rows)
+    run = {"warnings": ["fence: 3 m outside; the margin is 5 m"], "limits": ["depth: 9 m; limit 8 m"]}
+    known = "depth: 9 m; limit 8 m (latched until RESET); fence: 3 m outside; the margin is 5 m"
+    planner = "not planning: the mission is ABORTED: ABORT by shore; twice"
+    for t in range(0, 400, 10):
+        add("pose", end + t, north=0, east=0, heading=0)
+    add("slots", end, missed=0)
+    add("slots", end + 1, missed=1)
+    add("run", end + 2, state="aborted", reason="ABORT by shore; twice", limits=[], warnings=[])
+    add("health", end + 3, node="safety_node", level="error", text="ABORT by shore; twice")
+    add("health", end + 3, node="planner_node", level="warning", text=planner)
+    assert note(end + 5) == "1 slot missed in the last 2 min"
+    assert browser.ask(rows) == ["✖ aborted: ABORT by shore; twice", *before]
+    assert note(end + 200) == "", "an old miss is in the slots' strip"
+    add("run", end + 210, state="aborted", reason="ABORT by shore; twice", **run)
+    add("health", end + 211, node="safety_node", level="error", text=f"storage: no space; {known}")
+    add("health", end + 211, node="planner_node", level="warning", text=f"no map yet; {planner}")
+    expected = "safety_node: storage: no space; planner_node: no map yet; limit tripped: depth: 9 m; limit 8 m"
+    assert note(end + 212) == expected
+    assert set(browser.ask(rows)[:4]) == {
+        "⚠ limit exceeded: fence: 3 m outside; the margin is 5 m",
+        "✖ limit tripped: depth: 9 m; limit 8 m",
+        "✖ safety_node: storage: no space",
+        "⚠ planner_node: no map yet",
+    }
+    browser.open(serving.url)
+    browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
+
+
 def test_a_card_has_a_row_of_the_battery_where_its_charge_is_known(browser, serving):
     end = browser.ask("liveView.store.lastS + 10")
     rows = "[...document.querySelectorAll('.vehicle dt:not([hidden])')].filter((e) => e.textContent === 'battery')"

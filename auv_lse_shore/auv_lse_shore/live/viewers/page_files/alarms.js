@@ -78,10 +78,18 @@ class Conditions {
 function ofHealth(store, vehicle) {
   const conditions = new Conditions(), end = missionEndS(store);
   for (const { t, node, level, text } of store.list("health", vehicle)) {
-    if (t < end || node !== PLANNER) conditions.set(node, t, level, `${node}: ${text}`);
+    const own = ownText(store.at("run", vehicle, t), text);
+    if (t < end || node !== PLANNER) conditions.set(node, t, own || !text ? level : "ok", `${node}: ${own}`);
   }
   if (end < Infinity) conditions.set(PLANNER, end, "ok", "");
   return conditions.all;
+}
+
+// The part of a node's health that does not repeat the state of the vehicle's mission, which has alarms of its own.
+export function ownText(run, text) {
+  const latched = (run?.limits ?? []).map((limit) => `${limit} (latched until RESET)`);
+  const held = `not planning: the mission is ${run?.state.toUpperCase()}: ${run?.reason}`;
+  return [held, ...latched, ...(run?.warnings ?? []), run?.reason].reduce((rest, known) => `; ${rest}; `.replace(`; ${known}; `, "; ").slice(2, -2), text);
 }
 
 // When the last vehicle's mission ended; Infinity while one has not.

@@ -1,6 +1,6 @@
 // One card per vehicle: health, progress, position and packets. Clicking a card shows that vehicle's map.
 
-import { missionEndS, PLANNER, SILENT_S } from "./alarms.js";
+import { missionEndS, ownText, PLANNER, SILENT_S } from "./alarms.js";
 import { vehicleColor } from "./colors.js";
 import { element, geodetic, number, setText } from "./format.js";
 
@@ -11,6 +11,7 @@ const SHORT = ["mission", "step", "packets"]; // rows shown on the cards of a la
 const TITLES = { "N, E": "north, east of the origin", "position ±": "standard deviation of the estimated position", packets: "sent / received",
   battery: "legs that the battery lasts before the way to the recovery position / legs planned" };
 const LARGE_TEAM = 4, HUGE_TEAM = 8;
+const RECENT_S = 120; // as in auv_lse_common.vocabulary.health
 
 export class VehicleCards {
   constructor(root, store, onChoose) {
@@ -51,10 +52,11 @@ export class VehicleCards {
 
   updateCard(vehicle, { card, health, note, meter, fields }, t, chosen) {
     const { store } = this, at = (kind) => store.at(kind, vehicle, t);
-    const pose = at("pose"), bound = at("bound"), slots = at("slots"), facts = store.facts;
+    const pose = at("pose"), bound = at("bound"), facts = store.facts;
     const { level, notes, legs } = this.health(vehicle, t, pose);
     for (const limit of at("run")?.limits ?? []) notes.push(`limit tripped: ${limit}`);
-    if (slots?.missed) notes.push(`${slots.missed} missed slot${slots.missed > 1 ? "s" : ""}`);
+    const missed = (at("slots")?.missed ?? 0) - (store.at("slots", vehicle, t - RECENT_S)?.missed ?? 0);
+    if (missed > 0) notes.push(`${missed} slot${missed > 1 ? "s" : ""} missed in the last ${RECENT_S / 60} min`);
     const steps = store.at("status", "", t)?.steps?.[vehicle - 1] ?? bound?.step ?? 0;
     if (health.dataset.level !== level) health.dataset.level = level;
     setText(health, SIGNS[level]);
@@ -87,12 +89,13 @@ export class VehicleCards {
     const nodes = new Map();
     for (const event of this.store.between("health", vehicle, -Infinity, t)) nodes.set(event.node, event);
     if (t >= missionEndS(this.store)) nodes.delete(PLANNER);
-    const legs = nodes.get("safety_node")?.values?.["legs left by battery"];
+    const run = this.store.at("run", vehicle, t), legs = nodes.get("safety_node")?.values?.["legs left by battery"];
     let level = "ok";
     const notes = [];
     for (const { node, level: own, text } of nodes.values()) {
       if (WORST.indexOf(own) > WORST.indexOf(level)) level = own;
-      if (own !== "ok") notes.push(`${node}: ${text}`);
+      const rest = ownText(run, text);
+      if (own !== "ok" && (rest || !text)) notes.push(`${node}: ${rest}`);
     }
     return { level, notes, legs };
   }
