@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 #: Where results files go unless a command says otherwise: in the folder of runs, which git leaves alone.
 FOLDER = Path("runs/benchmarks")
@@ -31,10 +31,13 @@ def read(path: Path) -> list[dict[str, Any]]:
     return lines
 
 
-def appended(path: Path) -> TextIO:
-    """A results file, open for lines to come; its folder is made."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path.open("a")
+def _append(path: Path, text: str) -> None:
+    """Adds to a results file; raises OSError, naming it."""
+    try:
+        with path.open("a") as file:
+            file.write(text)
+    except OSError as error:  # that of a full disk names no file
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _begin(scratch: str) -> None:
@@ -59,10 +62,12 @@ def fly(
 
     Raises:
         ValueError: if a process is killed, or that of a mission without `failed`.
+        OSError: if the file cannot be written, naming it.
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _append(path, "")
     with (
         tempfile.TemporaryDirectory(prefix="auv_lse_flights_") as scratch,
-        appended(path) as file,
         ProcessPoolExecutor(processes, initializer=partial(_begin, scratch)) as pool,
     ):
         others, workers = multiprocessing.active_children(), list[BaseProcess]()
@@ -75,8 +80,7 @@ def fly(
                     failed(error)
                     continue
                 line = future.result()
-                file.write(json.dumps(line) + "\n")
-                file.flush()
+                _append(path, json.dumps(line) + "\n")
                 yield line
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from full_disk import full_disk
 
 from benchmarks import bench, results_file
 from benchmarks.planning.planners import grounds, page
@@ -150,6 +151,31 @@ def test_the_page_names_the_number_of_missions_where_some_have_no_value() -> Non
 def test_a_mission_whose_process_is_killed_is_an_error_with_a_cure(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"process of a mission was killed.*rows\.jsonl keeps the missions"):
         list(results_file.fly(os._exit, [(1,)], tmp_path / "rows.jsonl", 1))
+
+
+def test_a_full_disk_names_the_results_file(tmp_path: Path) -> None:
+    rows = tmp_path / "rows.jsonl"
+    with full_disk(4096), pytest.raises(OSError, match="File too large") as caught:
+        list(results_file.fly(dict, [([("found", 5000 * "x")],)], rows, 1))
+    assert caught.value.filename == str(rows)
+
+
+def test_a_name_of_ours_for_a_planner_of_a_package_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "lab_lines_of_test-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lab_lines_of_test\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[auv_lse.planners]\nline = lab_lines_of_test:planner\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    refused = r"--planners line: the entry point lab_lines_of_test:planner has that name, too. Rename it"
+    with pytest.raises(ValueError, match=refused):
+        bench.run(bench.parser().parse_args(["planners", "--planners", "line"]))
+
+
+def test_a_planner_that_does_not_fly_is_not_compared_with(tmp_path: Path) -> None:
+    words = ["planners", "--out", str(tmp_path / "rows.jsonl"), "--planners", "line", "--against", "plain", "tour"]
+    with pytest.raises(ValueError, match=r"--against plain, tour: not flown. Add them to --planners"):
+        bench.run(bench.parser().parse_args(words))
+    assert not (tmp_path / "rows.jsonl").exists()
 
 
 def test_a_mission_that_fails_stops_no_other_and_is_reported(

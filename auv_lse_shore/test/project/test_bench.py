@@ -299,7 +299,7 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
         (["planners", "--grounds", "."], ".: cannot be read: Is a directory"),
         (["planners", "--vehicles", "99"], "--vehicles 99: mission.vehicles must be a whole number from 1 to 20"),
         (["planners", "--out", "."], "--out .: this is a folder; name a file in it"),
-        (["planners", "--against", "nosuch"], "--against nosuch: no such planner"),
+        (["planners", "--against", "nosuch"], "--against nosuch: not flown. Add it to --planners"),
         (["planners", "--data", "nosuch"], "--data nosuch: there is no such folder"),
         (["planners", "--page", "nosuch/page.md"], "--page nosuch/page.md: there is no folder nosuch"),
     ],

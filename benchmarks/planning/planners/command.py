@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.support.atomic_files import check_file
+from auv_lse_common.support.atomic_files import check_file, write_whole
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.software import other_versions, version
 from auv_lse_shore.mission_options import check_option
 from benchmarks.planning.peer_environment import PEER, environment
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.grounds import Ground, read
-from benchmarks.planning.planners.interface import loaded, source_of
-from benchmarks.planning.planners.options import HINDSIGHT, OURS, PEER_NAMES, RIVAL_NAMES
+from benchmarks.planning.planners.interface import entry_point, loaded, source_of
+from benchmarks.planning.planners.options import AGAINST, HINDSIGHT, OURS, PEER_NAMES, RIVAL_NAMES
 from benchmarks.planning.planners.page import page
 from benchmarks.results_file import fly
 from benchmarks.results_file import read as read_lines
@@ -34,12 +34,16 @@ def run(options: argparse.Namespace) -> int:
     for name in options.planners:
         if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT):
             loaded(name)
+        elif point := entry_point(name):
+            raise ValueError(f"--planners {name}: the entry point {point.value} has that name, too. Rename it.")
     for vehicles in options.vehicles:
         check_option(f"--vehicles {vehicles}", "mission.vehicles", vehicles)
     check_option(f"--legs {options.legs}", "mission.steps", options.legs)
-    unknown = [name for name in options.against if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT, *options.planners)]
-    if unknown:
-        raise ValueError(f"--against {', '.join(unknown)}: no such planner; --planners names those that fly.")
+    absent = [name for name in options.against or () if name not in options.planners]
+    if absent:
+        raise ValueError(
+            f"--against {', '.join(absent)}: not flown. Add {'them' if absent[1:] else 'it'} to --planners."
+        )
     if options.data and not options.data.is_dir():
         raise ValueError(f"--data {options.data}: there is no such folder.")
     if options.page:
@@ -71,9 +75,9 @@ def run(options: argparse.Namespace) -> int:
     if not flown_lines:
         _say("every mission failed; there is no page")
         return 1
-    text = page(flown_lines, options.against)
+    text = page(flown_lines, options.against or AGAINST)
     if options.page:
-        options.page.write_text(text)
+        write_whole(options.page, text)
     else:
         print(text, end="")
     if failures:

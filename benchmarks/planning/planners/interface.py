@@ -230,7 +230,7 @@ def loaded(name: str) -> Callable[[], Planner]:
         ValueError: if there is no such planner (the text names the known ones), or it cannot be loaded.
     """
     if not name.endswith(".py"):
-        point = _entry_point(name)
+        point = entry_point(name)
         if point is None:
             known = ", ".join([*OURS, *RIVAL_NAMES, HINDSIGHT, *sorted(entry_points(group=GROUP).names)])
             raise ValueError(f"There is no planner {name}. Use one of {known}, or a Python file.")
@@ -270,7 +270,7 @@ def source_of(name: str) -> bytes:
     """Source of a planner: its file, or the Python files of its entry point's package; none for a name of ours."""
     if name.endswith(".py"):
         return Path(name).read_bytes()
-    point = _entry_point(name)
+    point = entry_point(name)
     package = importlib.util.find_spec(point.module.split(".")[0]) if point else None
     if package is None:
         return b""
@@ -278,5 +278,6 @@ def source_of(name: str) -> bytes:
     return b"".join(path.read_bytes() for path in sorted(files) or [Path(str(package.origin))])
 
 
-def _entry_point(name: str) -> EntryPoint | None:
+def entry_point(name: str) -> EntryPoint | None:
+    """The entry point of that name in an installed package; None without one."""
     return next(iter(entry_points(group=GROUP, name=name)), None)

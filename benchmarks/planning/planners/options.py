@@ -57,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=whole_from(1), default=1, metavar="N", help="missions on each ground (default: 1)"
     )
     group.add_argument("--legs", type=whole_from(1), default=100, help="legs of each vehicle (default: %(default)s)")
-    group.add_argument("--against", nargs="+", default=AGAINST, metavar="NAME",
+    group.add_argument("--against", nargs="+", metavar="NAME",
                        help=f"planners that others are compared with (default: {' '.join(AGAINST)})")  # fmt: skip
     group.add_argument(
         "--whole",
