@@ -43,7 +43,7 @@ def recompute(options: Namespace) -> int:
         print("not flown in lockstep: input times are known to about 0.1 s, which can cause small differences")
     found: list[Row] = []
     for part in options.recompute:
-        rows = _computed(part, inputs, settings, options.tolerance)
+        rows = _computed(part, inputs, (flown, settings), options.tolerance)
         if not rows:
             wanted = "maps (topic /auvN/field)" if part == "gp" else "decisions (topic /auvN/plan)"
             raise RecordingError(f"{options.run}: --recompute {part}: the recording holds no {wanted}")
@@ -51,6 +51,8 @@ def recompute(options: Namespace) -> int:
         what = "maps" if part == "gp" else "decisions"
         values = bool(differing) and all(isinstance(row, DecisionStep) and row.only_value_differs for row in differing)
         print(f"{part}: {len(rows)} {what} compared, {len(differing)} differ{', only in value' if values else ''}")
+        if any(isinstance(row, DecisionStep) and not row.comparable for row in rows):
+            print("the values measure different rewards, or horizons, and are not compared")
         chosen = rows if options.all else differing
         for line in table(rows[0].TITLES, [row.cells for row in (chosen if options.all else chosen[:SHOWN])]):
             print(line)
@@ -63,7 +65,8 @@ def recompute(options: Namespace) -> int:
     return int(any(row.differs for row in found))
 
 
-def _computed(part: str, inputs: RecordedInputs, settings: Settings, tolerance: float) -> list[Row]:
+def _computed(part: str, inputs: RecordedInputs, flown_now: tuple[Settings, Settings], tolerance: float) -> list[Row]:
+    settings = flown_now[1]
     rows: list[Row] = []
     with_planner = [v for v in inputs.vehicles if v <= settings.mission.vehicles]
     for i, number in enumerate(with_planner):
@@ -72,9 +75,17 @@ def _computed(part: str, inputs: RecordedInputs, settings: Settings, tolerance: 
             own = settings.planner_settings(number)
             rows += recompute_map(vehicle, own, settings.positions_in_force(number), inputs.lockstep, tolerance, show)
         else:
-            rows += recompute_decisions(vehicle, settings, inputs.lockstep, tolerance, show)
+            comparable = len({_measure(each, number) for each in flown_now}) == 1
+            rows += recompute_decisions(vehicle, settings, inputs.lockstep, tolerance, show, comparable)
     show_step("")
     return rows
+
+
+def _measure(settings: Settings, vehicle: int) -> tuple[str, str]:
+    """What the values of a vehicle's decisions measure: the reward of its family of methods, and up to where."""
+    planner = settings.vehicle(vehicle).planner.complete()
+    to_the_end = planner.family.to_the_end or planner.augmented
+    return planner.family_name, "the end" if to_the_end else str(planner.horizon)
 
 
 def _progress(what: str, before: int, of: int) -> Callable[[float], None]:

@@ -40,6 +40,7 @@ class DecisionStep:
         plans: The plan in words.
         note: The reason, or what else differs.
         same_plan: Whether plan and leg are the recorded ones.
+        comparable: Whether the values measure the same reward.
         differs: Whether the decisions differ.
     """
 
@@ -51,6 +52,7 @@ class DecisionStep:
     values: tuple[float, float]
     note: str
     same_plan: bool
+    comparable: bool
     differs: bool
 
     TITLES = ("vehicle", "step", "time (s)", "turn (deg)", "turn now (deg)", "plan", "plan now", "value", "value now",
@@ -66,7 +68,7 @@ class DecisionStep:
         """One row of the table."""
         turns, values = (f"{v:+z.0f}" for v in self.turns_deg), (f"{v:.6g}" for v in self.values)
         plan, now = self.plans
-        by = f"{self.values[1] - self.values[0]:+.3g}"
+        by = f"{self.values[1] - self.values[0]:+.3g}" if self.comparable else ""
         head = (f"auv{self.vehicle}", str(self.step), f"{self.now_s:.1f}")
         return (*head, *turns, plan, "same" if plan == now else now, *values, by, self.note)
 
@@ -77,6 +79,7 @@ def recompute_decisions(
     lockstep: bool,
     tolerance: float,
     show: Callable[[float], None],
+    comparable: bool = True,
 ) -> list[DecisionStep]:
     """Compares every recorded decision with the one that the current planner makes from the same inputs.
 
@@ -85,8 +88,9 @@ def recompute_decisions(
         lockstep: Whether the mission flew in lockstep.
         tolerance: Relative difference of values that is ignored.
         show: Called with the share done, 0 to 1.
+        comparable: Whether the values measure the same reward as the recorded ones; if not, they are no difference.
     """
-    return _Recomputer(inputs, settings, lockstep, tolerance).run(show)
+    return _Recomputer(inputs, settings, lockstep, tolerance if comparable else None).run(show)
 
 
 def _has_every_map(inputs: VehicleInputs) -> bool:
@@ -99,7 +103,7 @@ def _has_every_map(inputs: VehicleInputs) -> bool:
 class _Recomputer:
     """One vehicle's planner with its recorded inputs."""
 
-    def __init__(self, inputs: VehicleInputs, settings: Settings, lockstep: bool, tolerance: float) -> None:
+    def __init__(self, inputs: VehicleInputs, settings: Settings, lockstep: bool, tolerance: float | None) -> None:
         number = inputs.vehicle
         own = settings.planner_settings(number)
         self._planner = VehiclePlanner(number, own, stream(own.mission.seed, "planner", number))
@@ -207,7 +211,10 @@ class _Recomputer:
         if not same_plan:
             planner.adopt(recorded.plan, leg)
         values = (recorded.jbar, decision.bound.expected_end)
-        close = math.isnan(values[0]) or math.isclose(*values, rel_tol=self._tolerance, abs_tol=self._tolerance)
+        tolerance = self._tolerance  # None: the values are not comparable
+        close = (
+            tolerance is None or math.isnan(values[0]) or math.isclose(*values, rel_tol=tolerance, abs_tol=tolerance)
+        )
         return DecisionStep(
             vehicle=self._inputs.vehicle,
             step=recorded.step,
@@ -217,6 +224,7 @@ class _Recomputer:
             values=values,
             note=note,
             same_plan=same_plan,
+            comparable=tolerance is not None,
             differs=not (same_plan and close and not note),
         )
 

@@ -88,6 +88,31 @@ def test_a_difference_of_the_value_alone_is_named(flown: Path, monkeypatch, caps
     assert "only in value" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("changed", "measures_alike"),
+    [
+        ("planner.method=plain", False),
+        ("planner.method=line", False),
+        ("planner.method=max_variance", False),
+        ("level_set.level_m=13.0", True),
+    ],
+)
+def test_values_that_measure_something_else_have_no_difference(
+    flown: Path, tmp_path, capsys, changed, measures_alike
+) -> None:
+    file = tmp_path / "steps.csv"
+    main([str(flown), "--recompute", "planner", "--all", "--set", changed, "--csv", str(file)])
+    out = capsys.readouterr().out
+    assert ("the values measure different rewards, or horizons, and are not compared" in out) == (not measures_alike)
+    with file.open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert all(row["value"] and row["value now"] for row in rows)
+    assert all(bool(row["difference"]) == measures_alike for row in rows)
+    if not measures_alike:
+        same = [row for row in rows if row["plan now"] == "same" and row["turn (deg)"] == row["turn now (deg)"]]
+        assert all(row["differs"] == "False" or row["note"] for row in same), "the same decision"
+
+
 def test_after_a_difference_the_planner_goes_on_from_what_was_flown(flown: Path) -> None:
     """One recorded plan is replaced: its step alone differs where nothing is drawn by chance."""
     inputs = read_inputs(flown)
