@@ -125,6 +125,19 @@ class MotionTable:
         locations[-1] = self.steps_m[action]
         return locations
 
+    def line(self, states: Array, actions: Ints, points: int) -> Array:
+        """The way along legs as a line (1 + L * points, 2): north, east, with `points` to a leg after the first one.
+
+        Args:
+            states: States (L + 1, 3) before and after each of the actions (L,).
+        """
+        samples = np.stack([self.samples(action, points) for action in range(self.actions)])
+        ahead, starboard = np.moveaxis(samples[actions], 2, 0)
+        heading, north, east = (states[:-1, i, None] for i in range(3))
+        c, s = np.cos(heading), np.sin(heading)
+        way = np.stack([north + c * ahead - s * starboard, east + s * ahead + c * starboard], axis=2)
+        return np.concatenate([states[:1, 1:], way.reshape(-1, 2)])
+
     def _loops(self) -> tuple[Array, Ints]:
         """Tightest closed loop to each side: a repeated turn circles the fixed point of its rigid displacement."""
         best: dict[int, tuple[float, Array, int]] = {}

@@ -15,6 +15,7 @@ from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingAre
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.naive_ids import FITTED
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.judge.planned_paths import PlannedPaths
 from auv_lse_shore.report.figures import MAX_ASPECT, WIDTH_IN, axis_label, map_shape, new_figure, styled, vehicle_style
 from auv_lse_shore.report.map_marks import add_graticule, add_scale_bar
@@ -25,6 +26,8 @@ _KEPT_OUT: dict[str, Any] = {"facecolor": "#f6ddd9", "edgecolor": _NO_GO, "hatch
 _UNREACHABLE: dict[str, Any] = {"facecolor": "#e3e3e3", "edgecolor": "#7d7d7d", "hatch": "....", "lw": 0.8}
 #: Length of a line of the notes, in characters.
 _NOTE_WIDTH = 120
+#: Points of the line of a leg with an arc.
+_POINTS_PER_LEG = 8
 _CASING = [withStroke(linewidth=2.5, foreground="white")]
 
 
@@ -58,7 +61,7 @@ def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) ->
     _draw_vehicles(axis, settings)
     lat, lon = settings.area.origin_lat_deg, settings.area.origin_lon_deg
     add_graticule(axis, None if lat is None or lon is None else (lat, lon))
-    add_scale_bar(axis)
+    add_scale_bar(axis, np.vstack(_marked_positions(settings)))
     figure.suptitle(title, x=0.02, ha="left", fontsize=10.0)
     axis.set_title("\n".join(lines), fontsize=7.5, color="#444444")
     axis.set_xlabel(axis_label("east", 1.0 / stretch))
@@ -119,7 +122,8 @@ def _draw_lanes(axis: Any, settings: Settings, area: OperatingArea) -> None:
             continue
         rollout = PlannedPaths(settings.planner_settings(number), area).rollout
         path = rollout.path(0, start, (), FITTED[(number - 1) % len(FITTED)])
-        line = np.vstack([start[None, 1:], path.locations_m])
+        points = 1 if settings.motion.straight_legs else _POINTS_PER_LEG
+        line = MotionTable(settings.motion).line(path.states, path.actions, points)
         axis.plot(line[:, 1], line[:, 0], lw=0.9, alpha=0.75, zorder=3, **vehicle_style(number - 1))
 
 

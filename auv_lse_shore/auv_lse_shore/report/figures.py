@@ -4,14 +4,18 @@ Vehicles have the colors of Okabe and Ito (2008) and, from the ninth on, other d
 color map. Cells that are not evaluated are left out. Maps are to scale, unless the area is far longer than wide.
 """
 
+import contextlib
 import functools
 import math
-from collections.abc import Callable, Sequence
+import re
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
+from matplotlib import font_manager
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -33,8 +37,17 @@ COLORS = ("#D55E00", "#56B4E9", "#009E73", "#CC79A7", "#E69F00", "#0072B2", "#F0
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 RISK_COLORS = "cividis"
 DIFFERENCE_COLORS = "PuOr_r"
+#: Fonts with Chinese, Japanese and Korean letters, which labels may have.
+_CJK = re.compile("CJK|Han Sans|Han Serif|WenQuanYi|Droid Sans Fallback|Gothic|Nanum|YaHei|SimHei|PingFang|Unifont")
+
+
+def cjk_fonts(installed: Iterable[str]) -> list[str]:
+    """Those of the installed fonts that may have Chinese, Japanese and Korean letters; each is looked up in turn."""
+    return sorted({name for name in installed if _CJK.search(name)})
+
+
 STYLE = {
-    "font.family": "DejaVu Sans",
+    "font.family": ["DejaVu Sans", *cjk_fonts(font_manager.get_font_names())],
     "font.size": 8.5,
     "axes.titlesize": 9.5,
     "axes.labelsize": 8.5,
@@ -71,11 +84,20 @@ def save(figure: Figure, path: Path) -> None:
     """
     FigureCanvasAgg(figure)
     figure.set_dpi(DPI)
-    if (layout := figure.get_layout_engine()) is not None:
-        for _ in range(2 if any(axis.child_axes for axis in figure.axes) else 1):
-            layout.execute(figure)
-    figure.set_layout_engine("none")
-    figure.savefig(path, dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+    with _boxes_for_missing_letters():
+        if (layout := figure.get_layout_engine()) is not None:
+            for _ in range(2 if any(axis.child_axes for axis in figure.axes) else 1):
+                layout.execute(figure)
+        figure.set_layout_engine("none")
+        figure.savefig(path, dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+
+
+@contextlib.contextmanager
+def _boxes_for_missing_letters() -> Iterator[None]:
+    """A context in which letters that no installed font has become boxes without a warning."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from")
+        yield
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -88,7 +110,7 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(draw)
     def in_style(*args: P.args, **kwargs: P.kwargs) -> T:
-        with matplotlib.rc_context(STYLE):
+        with matplotlib.rc_context(STYLE), _boxes_for_missing_letters():
             return draw(*args, **kwargs)
 
     return in_style

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patheffects import withStroke
 
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 
 #: Color of the lines of latitude and longitude, and their width (points).
@@ -16,6 +17,8 @@ _CASING = [withStroke(linewidth=3.2, foreground="white")]
 MAX_LINES = 5
 #: Size of their labels (points).
 _LABEL_SIZE = 6.5
+#: Shares of the map's height and width that scale bar and arrow take in a corner, with room for labels beside them.
+_CORNER = (0.3, 0.36)
 
 
 def add_graticule(
@@ -86,11 +89,19 @@ def _label(secondary: Any, name: str, rows: list[tuple[float, str]]) -> None:
         spine.set_visible(False)
 
 
-def add_scale_bar(axis: Any) -> None:
-    """Draws a scale bar of a round length at the lower left, and an arrow to the north above it."""
+def add_scale_bar(axis: Any, marked_m: Array | None = None) -> None:
+    """Draws a scale bar of a round length, and an arrow to the north above it.
+
+    Args:
+        marked_m: Marked positions (n, 2), north and east: of the corners, the lower left one first, that with the
+            fewest of them is used.
+    """
     (west, east), (south, north) = axis.get_xlim(), axis.get_ylim()
     length = round_length((east - west) / 4.0)
-    x, y = west + 0.03 * (east - west), south + 0.03 * (north - south)
+    low, size = np.array([south, west]), np.array([north - south, east - west])
+    top, right = _emptiest_corner(((np.empty((0, 2)) if marked_m is None else marked_m) - low) / size)
+    x = east - 0.03 * (east - west) - length if right else west + 0.03 * (east - west)
+    y = south + (0.8 if top else 0.03) * (north - south)
     end = {"markeredgewidth": 2.0, "marker": "|", "markersize": 6.0}
     line = {"color": "black", "lw": 2.0, "zorder": 6, "path_effects": _CASING}
     axis.plot([x, x + length], [y, y], **line, **end)
@@ -100,6 +111,16 @@ def add_scale_bar(axis: Any) -> None:
     tail, head = (x, y + 0.05 * (north - south)), (x, y + 0.13 * (north - south))
     arrow = {"arrowstyle": "<|-", "lw": 1.2, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0}
     axis.annotate("N", tail, head, arrowprops=arrow, fontsize=9.0, fontweight="bold", **text)
+
+
+def _emptiest_corner(shares: Array) -> tuple[int, int]:
+    """The corner with the fewest positions: whether it is at the top, and whether it is right.
+
+    Args:
+        shares: The positions (n, 2), as shares of the map's height and width from its lower left.
+    """
+    corners = ((0, 0), (0, 1), (1, 1), (1, 0))
+    return min(corners, key=lambda corner: int((np.abs(shares - corner) < _CORNER).all(axis=1).sum()))
 
 
 def round_length(largest_m: float) -> float:

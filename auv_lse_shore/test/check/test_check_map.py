@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from matplotlib import font_manager
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Polygon
 from verb_main import verb_main
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_common.vocabulary.naive_ids import FITTED
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.check.command import check
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.map_picture import mission_figure
+from auv_lse_shore.judge.planned_paths import PlannedPaths
+from auv_lse_shore.report.figures import STYLE, cjk_fonts, save
 
 main = verb_main("check")
 
@@ -189,3 +196,52 @@ def test_the_line_of_the_margin_is_where_the_margin_ends() -> None:
     for line in lines:
         # a circle's arc is a chain of chords: 16 for each quarter, each 0.05 % of the radius inside
         assert shapely.distance(shapely.points(line), shapely.union_all(rings)) == pytest.approx(10.0, abs=0.02)
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_legs_are_drawn_as_they_are_travelled(straight: bool) -> None:
+    settings = Settings.load(None, {"mission.vehicles": 1, "mission.steps": 40, "motion.straight_legs": straight})
+    (axis,) = mission_figure(settings, "arcs").axes
+    rollout = PlannedPaths(settings.planner_settings(1), OperatingArea(settings.area)).rollout
+    own = settings.vehicle(1).vehicle
+    start = np.array([own.start_heading_rad, own.start_north_m, own.start_east_m])
+    path = rollout.path(0, start, (), FITTED[0])
+    motion, (c, s) = MotionTable(settings.motion), np.array([np.cos, np.sin])
+    ways = []
+    for state, action in zip(path.states[:-1], path.actions, strict=True):
+        ahead, starboard = motion.tracks_m[action].T if not straight else np.array([[0, 0], motion.steps_m[action]]).T
+        north = state[1] + c(state[0]) * ahead - s(state[0]) * starboard
+        ways.append(np.column_stack([north, state[2] + s(state[0]) * ahead + c(state[0]) * starboard]))
+    travelled = shapely.LineString(np.concatenate(ways))
+    drawn = max((line.get_xydata()[:, ::-1] for line in axis.lines), key=len)
+    # 8 chords of an arc of a quarter turn stray from it by 0.5 % of the radius, 15 m
+    assert shapely.hausdorff_distance(shapely.LineString(drawn), travelled, densify=0.1) < (1e-6 if straight else 0.08)
+
+
+@pytest.mark.parametrize(("south", "west"), [(True, True), (True, False), (False, True), (False, False)])
+def test_the_north_arrow_keeps_clear_of_starts(south: bool, west: bool) -> None:
+    north, east = (30.0 if south else 470.0), (30.0 if west else 470.0)
+    polygon = [0.0, 0.0, 500.0, 0.0, 500.0, 500.0, 0.0, 500.0]
+    start = {"vehicle.start_north_m": north, "vehicle.start_east_m": east, "mission.vehicles": 1}
+    figure = mission_figure(Settings.load(None, {"area.polygon_m": polygon, **start}), "corner")
+    FigureCanvasAgg(figure).draw()
+    (axis,) = figure.axes
+    boxes = {text.get_text(): text.get_window_extent() for text in axis.texts if text.get_text()}
+    assert not boxes["auv1"].overlaps(boxes["N"])
+    assert not boxes["auv1"].overlaps(boxes["100 m"])
+    arrow = axis.transData.transform([text.xy for text in axis.texts if text.get_text() == "N"])
+    assert not boxes["auv1"].contains(*arrow[0])
+
+
+def test_a_label_in_letters_that_no_font_has_warns_of_nothing(mission: Path, tmp_path: Path) -> None:
+    settings = Settings.load(mission, {"area.no_go": {"\u6e56": [10.0, 10.0, 20.0, 10.0, 20.0, 20.0]}}, read_area)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        save(mission_figure(settings, "\u6e56", ["\u6e56"]), tmp_path / "map.png")
+    assert (tmp_path / "map.png").is_file()
+
+
+def test_fonts_with_chinese_japanese_and_korean_letters_are_used_where_they_are_installed() -> None:
+    installed = ["DejaVu Sans", "Noto Sans CJK JP", "WenQuanYi Micro Hei", "Noto Sans CJK JP", "IPAGothic", "cmr10"]
+    assert cjk_fonts(installed) == ["IPAGothic", "Noto Sans CJK JP", "WenQuanYi Micro Hei"]
+    assert STYLE["font.family"] == ["DejaVu Sans", *cjk_fonts(font_manager.get_font_names())]

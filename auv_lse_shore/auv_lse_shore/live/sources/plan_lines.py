@@ -28,9 +28,6 @@ class PlanLines:
         space = FreeSpace(area, self._motion, settings.area.raster_m)
         naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
         self._rollout = Rollout(self._motion, naive, settings.mission.steps, settings.planner.samples_per_leg)
-        self._points_m = np.stack(
-            [self._motion.samples(action, POINTS_PER_LEG) for action in range(self._motion.actions)]
-        )
 
     def lines(self, plan: Plan) -> dict[str, Any]:
         """The plan's legs as one line of points, `POINTS_PER_LEG` to a leg after the first point.
@@ -42,12 +39,7 @@ class PlanLines:
         if not self._rollout.can_follow(plan):
             return {"step": plan.step, "own": 0, "line": [], "waypoints": [], "continued": "unknown"}
         path = self._rollout.follow(plan)
-        ahead, starboard = np.moveaxis(self._points_m[path.actions], 2, 0)
-        heading = path.states[:-1, :1]
-        c, s = np.cos(heading), np.sin(heading)
-        north = path.states[:-1, 1:2] + c * ahead - s * starboard
-        east = path.states[:-1, 2:3] + s * ahead + c * starboard
-        points = np.concatenate([path.states[:1, 1:], np.stack([north, east], axis=2).reshape(-1, 2)])
+        points = self._motion.line(path.states, path.actions, POINTS_PER_LEG)
         own = min(len(plan.actions), len(path))  # `path.own` has the tour's legs, too
         waypoints = np.empty((0, 2))
         if plan.tour is not None:
