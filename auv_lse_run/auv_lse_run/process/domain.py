@@ -7,12 +7,13 @@ domain without a lock.
 import contextlib
 import errno
 import fcntl
+import hashlib
 import os
 import pwd
 import re
 import socket
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -395,6 +396,28 @@ def refuse_running_dive(folder: Path, vehicle: int) -> None:
                 f"{folder} has the dive of auv{vehicle} that runs now, in ROS domain {domain} (process {found[2]}). "
                 "End it first, or choose another folder with --out"
             )
+
+
+@contextlib.contextmanager
+def own_records(paths: Iterable[Path], domain: int) -> Iterator[None]:
+    """Reserves the records of a vehicle's dive: two dives at once would replace each other's state.
+
+    Raises:
+        DomainError: if a dive that runs now has one of them.
+    """
+    with contextlib.ExitStack() as stack:
+        for path in paths:
+            key = hashlib.sha256(os.path.realpath(path).encode()).hexdigest()[:16]
+            lock = lock_file(0).with_name(f"auv_lse_record_{key}.lock")
+            if not stack.enter_context(_locked(lock)) and _is_held(lock):
+                user = lock.read_text() if os.access(lock, os.R_OK) else "of another user"
+                raise DomainError(
+                    f"{path} is the record of a dive that runs now {user}. End it first, or choose another folder with "
+                    "--out, and for second copies with safety.state_copies"
+                )
+            with contextlib.suppress(OSError):
+                lock.write_text(f"in ROS domain {domain} (process {os.getpid()})")
+        yield
 
 
 def domain_number(text: str) -> int:

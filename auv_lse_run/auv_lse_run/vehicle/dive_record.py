@@ -75,6 +75,7 @@ class DiveRecord:
         continued: Folder for logs and recording of the dive to continue; None: a new dive begins.
         doubt: Why the vehicle must hold; "" if everything that is left of earlier dives is trusted.
         cure: What to do then.
+        records: The files in which the current dive is recorded, or would be.
         copies_problem: Why there are no second copies of a new dive's state files; "" if there are.
     """
 
@@ -100,12 +101,13 @@ class DiveRecord:
         self.copies_problem = ""
         self._name, self._path = f"auv{vehicle}", folder / f"auv{vehicle}.dive"
         self._copy_folders = () if simulated else tuple(copies)
+        self.records = [self._path, *(folder / self._path.name for folder in self._copy_folders)]
         self._simulated = simulated
         content = mission_file.read_bytes() if mission_file.is_file() else b""
         values_text = json.dumps(parameters, sort_keys=True, default=str)
         self._mission = hashlib.sha256(f"{mission_file}\n{values_text}\n".encode() + content).hexdigest()[:16]
         found, doubts = self._read()
-        self._values = found
+        self._values = self._last = found
         self._is_lost = bool(doubts)  # the nodes of a new dive trust nothing; else only the mission is held
         if found and not found["over"] and not (not doubts and self._is_idle(found)):
             if found["mission"] == self._mission:
@@ -154,6 +156,9 @@ class DiveRecord:
                 if self._simulated:
                     raise StateFolderError(reason) from error
                 self.doubt, self.cure = "; ".join(filter(None, (self.doubt, reason))), _START_AGAIN
+            else:
+                if self._last:  # no start continues it
+                    self._forget_copies(self._last)
         return {
             FOLDER_VARIABLE: self._values["journals"],
             DIVE_VARIABLE: self._values["dive"],
@@ -167,13 +172,19 @@ class DiveRecord:
         if not self._values:
             return
         safety, reason = self._state(self._values, "safety_node")
+        if self._simulated:
+            self._forget_copies(self._values)  # they outlive a failing disk, which is simulated nowhere
         if reason or safety.get("under_water"):
             return
         self._values["over"] = True
         file = StateFile(self._path, {}, dive=self._name, second=self._second(self._values, self._path.name))
         file.write(self._values)
+        self._forget_copies(self._values)
+
+    def _forget_copies(self, values: Mapping[str, Any]) -> None:
+        """Removes the copies in memory of a dive's state files."""
         for node in NODES:
-            forget_copy(self._state_path(self._values, node))
+            forget_copy(self._state_path(values, node))
 
     def _read(self) -> tuple[dict[str, Any], list[str]]:
         """The values of the last record, empty without one, and the reasons why it is not trusted."""
@@ -206,8 +217,7 @@ class DiveRecord:
             own: The second copy of the record itself.
         """
         doubts = []
-        others = (folder / self._path.name for folder in self._copy_folders)
-        for path in dict.fromkeys(filter(None, (own, *others))):
+        for path in dict.fromkeys(filter(None, (own, *self.records[1:]))):
             if not os.path.lexists(path):
                 continue
             copy, reason = read_state(path, self._name)

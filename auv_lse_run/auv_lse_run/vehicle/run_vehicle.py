@@ -34,6 +34,7 @@ from auv_lse_run.process.domain import (
     loopback_problem,
     node_environment,
     note_run,
+    own_records,
     refuse_running_dive,
     run_on,
     simulator_of,
@@ -218,14 +219,16 @@ def begin_dive(
         The domain, and further variables of the nodes' environment (`DiveRecord.begin`).
 
     Raises:
-        DomainError: if the domain is invalid or in use, or if the vehicle's nodes run in `out` already.
+        DomainError: if the domain is invalid or in use, or if a dive that runs has `out` or a record of this one.
         ParameterError: if the simulator there flies another mission.
         StateFolderError: if the nodes' state could not be kept.
     """
     simulator = simulator_of(file.resolve().parent) if processes.simulated else None
     domain = domain_number(wanted_domain(wanted) or simulator or "0")
-    with vehicle_domain(domain, processes.vehicle, processes.simulated):
+    with ExitStack() as reserved:
+        reserved.enter_context(vehicle_domain(domain, processes.vehicle, processes.simulated))
         refuse_running_dive(out, processes.vehicle)
+        reserved.enter_context(own_records(record.records, domain))
         if processes.simulated and (run := run_on(domain)):
             _refuse_other_mission(processes, file, run / "mission.yaml", domain)
         dive = (processes.simulated and dive_on(domain)) or new_dive(f"auv{processes.vehicle}")

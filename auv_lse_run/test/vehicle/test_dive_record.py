@@ -16,8 +16,9 @@ import pytest
 from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import DOUBT_VARIABLE, NODES, SECOND_VARIABLE, START_VARIABLE, StateFile, open_state
-from auv_lse_common.node.state_memory import forget_copy
+from auv_lse_common.node.state_memory import MemoryCopy, forget_copy
 from auv_lse_common.vocabulary.mission_run import RunState
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, DomainError, own_domain
 from auv_lse_run.process.interrupt import Interrupt, signals_raised
 from auv_lse_run.vehicle import dive_record, run_vehicle
 from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, copy_folders
@@ -229,3 +230,54 @@ def test_where_second_copies_go(monkeypatch: pytest.MonkeyPatch) -> None:
     assert copy_folders("") == [Path("/var/lib/auv_lse"), Path("/home/me/.local/state/auv_lse")]
     monkeypatch.delenv("HOME")
     assert len(copy_folders("")) == 2, "the home of the user's entry"
+
+
+def copies_of(environment: dict[str, str]) -> list[bool]:
+    """Whether each node's state file has a copy in memory."""
+    return [MemoryCopy(Path(environment[FOLDER_VARIABLE]) / f"auv2.{node}.state").text is not None for node in NODES]
+
+
+def test_a_dive_that_ended_under_water_leaves_its_state_in_memory_until_another_dive_begins(
+    tmp_path: Path, mission: Path
+) -> None:
+    record, environment = begun(tmp_path, mission, RunState.RUNNING, True)
+    record.end()
+    assert any(copies_of(environment)), "the next start continues it"
+    mission.write_text("another")
+    again = DiveRecord(tmp_path, 2, mission)
+    assert any(copies_of(environment)), "nothing has begun yet"
+    again.begin(tmp_path / "other", "auv2-1123-199999-3f2a")
+    assert not any(copies_of(environment))
+
+
+def test_a_simulated_dive_leaves_nothing_in_memory(tmp_path: Path, mission: Path) -> None:
+    record = DiveRecord(tmp_path, 2, mission, simulated=True)
+    environment = record.begin(tmp_path / "dive", "sim-1123-184534-3f2a")
+    state = opened(environment, "safety_node")
+    state.write({"run": {"state": int(RunState.RUNNING)}, "under_water": True})
+    assert any(copies_of(environment))
+    record.end()
+    assert not any(copies_of(environment))
+
+
+@pytest.mark.parametrize("shared", ["copies", "record"])
+def test_two_dives_at_once_never_share_a_record(tmp_path: Path, mission: Path, shared: str) -> None:
+    """In two domains: the second one replaced the first one's second copies, or its record."""
+    processes: Any = SimpleNamespace(simulated=False, vehicle=2)
+    folders = [tmp_path / ("same" if shared == "record" else name) for name in ("one", "other")]
+    copies = [tmp_path / ("same copies" if shared == "copies" else f"copies {i}") for i in range(2)]
+    taken = (copies[0] if shared == "copies" else folders[0]) / "auv2.dive"
+    with own_domain(VEHICLE_DOMAINS) as first, own_domain(VEHICLE_DOMAINS) as second:
+        records = [DiveRecord(f, 2, mission, copies=[c]) for f, c in zip(folders, copies, strict=True)]
+        dives = [
+            run_vehicle.begin_dive(processes, str(domain), mission, tmp_path / name, record)
+            for domain, name, record in zip((first, second), "ab", records, strict=True)
+        ]
+        with dives[0]:
+            kept = taken.read_bytes()
+            refused = rf"{taken} is the record of a dive that runs now in ROS domain {first} \(process {os.getpid()}\)"
+            with pytest.raises(DomainError, match=refused), dives[1]:
+                pass
+            assert taken.read_bytes() == kept
+        with run_vehicle.begin_dive(processes, str(second), mission, tmp_path / "b", records[1]):
+            assert taken.exists(), "the other one has ended"
