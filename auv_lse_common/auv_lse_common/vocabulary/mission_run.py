@@ -236,15 +236,15 @@ class MissionRun:
         self._not_ready = self._paused = ""
         self._travelled = False
         self._team_abort = False
-        self._received_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT, RESET last came, _START and _TRIP
+        self._given_s: dict[str, float] = {}  # when HOLD, SURFACE, ABORT, RESET were given last, _START and _TRIP
 
     def note_start(self, now_s: float) -> None:
         """Notes when the dive starts, by the clock of commands; `restore` replaces it with the first start."""
-        self._received_s[_START] = now_s
+        self._given_s[_START] = now_s
 
     def note_trip(self, now_s: float) -> None:
         """Notes when a limit tripped, by the clock of commands: a RESET given earlier does not clear it."""
-        self._received_s[_TRIP] = now_s
+        self._given_s[_TRIP] = now_s
 
     def command(self, command: Command, source: str, team: bool = False, given: Given = JUST_NOW) -> str:
         """Executes a command.
@@ -258,8 +258,10 @@ class MissionRun:
         """
         if refusal := self._staleness(command, given) or self._refusal(command):
             return f"{command.name}: {refusal}"
-        if command in STALES[Command.GO]:
-            self._received_s[command.name] = given.now_s
+        if command in STALES[Command.GO]:  # of a stop, the time of its arrival counts
+            at_s = given.now_s if given.at_s is None or command not in STALES else given.at_s
+            before_s = self._given_s.get(command.name, at_s)
+            self._given_s[command.name] = max(at_s, before_s) if before_s <= given.now_s else at_s  # else a reboot ago
         if command is Command.RESET:
             self.limits.clear()
             self._team_abort = False
@@ -297,7 +299,7 @@ class MissionRun:
             "limits": dict(self.limits),
             "team_abort": self._team_abort,
             "travelled": self._travelled,
-            "received_s": dict(self._received_s),
+            "received_s": dict(self._given_s),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -309,7 +311,7 @@ class MissionRun:
             self._stop = Stop(action=Action(action), position_m=(north_m, east_m))
         self.limits = dict(values["limits"])
         self._team_abort, self._travelled = values["team_abort"], values["travelled"]
-        self._received_s = dict(values.get("received_s", {}))
+        self._given_s = dict(values.get("received_s", {}))
 
     def set_ready(self, problem: str, before_start: str = "") -> None:
         """Sets the reason why the autopilot does not follow targets; "" if it does.
@@ -376,12 +378,12 @@ class MissionRun:
         age_s = given.now_s - given.at_s
         if not age_s <= given.valid_s:
             return f"it may be up to {age_s:.0f} s old, and is void after {given.valid_s:g} s. Give it again"
-        if age_s > VALID_S and given.at_s < self._received_s.get(_START, -math.inf) <= given.now_s:
+        if age_s > VALID_S and given.at_s < self._given_s.get(_START, -math.inf) <= given.now_s:
             return "the vehicle's nodes have started since it was given. Give it again"
-        if command is Command.RESET and given.at_s < self._received_s.get(_TRIP, -math.inf) <= given.now_s:
+        if command is Command.RESET and given.at_s < self._given_s.get(_TRIP, -math.inf) <= given.now_s:
             return f"a limit has tripped since it was given ({'; '.join(self.limits.values())}). Give it again"
         for later in STALES[command]:
-            if given.at_s < self._received_s.get(later.name, -math.inf) <= given.now_s:
+            if given.at_s < self._given_s.get(later.name, -math.inf) <= given.now_s:
                 now = f"{self.status.state.name}: {self.status.reason}".rstrip(": ")
                 return f"{later.name} was given after it ({now}). Give {command.name} again if you mean it"
         return ""

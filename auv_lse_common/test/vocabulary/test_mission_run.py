@@ -150,7 +150,7 @@ def test_reset_does_not_undo_an_abort_that_was_given_after_it() -> None:
     run = in_state(A)
     assert run.command(Command.RESET, "al", given=Given(101.0, 101.1)) == ""
     assert run.command(Command.RESET, "al", given=Given(101.0, 102.0)) == "", "the answer was lost"
-    assert "RESET was given after it" in run.command(Command.GO, "al", given=Given(101.0, 102.5))
+    assert "RESET was given after it" in run.command(Command.GO, "al", given=Given(100.9, 102.5))
     run.command(Command.ABORT, "bo", given=Given(now_s=103.0))
     assert "ABORT was given after it" in run.command(Command.RESET, "al", given=Given(101.0, 104.0))
     assert run.status.state is A
@@ -295,3 +295,28 @@ def test_a_command_to_a_mission_that_is_over_moves_the_vehicle_and_keeps_the_rea
     assert run.status.limits == ("depth: 12.0 m deep",)
     run.command(Command.ABORT, "operator")
     assert run.status.reason == (reason if state is RunState.ABORTED else "ABORT by operator")
+
+
+def test_a_go_after_a_reset_counts_although_a_busy_vehicle_takes_the_reset_or_its_repetition_later() -> None:
+    run = in_state(RunState.ABORTED)
+    reset = {"at_s": 100.0, "valid_s": 10.0}
+    assert run.command(Command.RESET, "shore", given=Given(now_s=103.0, **reset)) == ""
+    assert run.command(Command.RESET, "shore", given=Given(now_s=106.0, **reset)) == "", "sent again before the answer"
+    assert "RESET was given after it" in run.command(Command.GO, "shore", given=Given(99.0, 106.5))
+    assert run.command(Command.GO, "shore", given=Given(105.0, 107.0)) == ""
+    assert run.status.state is RunState.RUNNING
+    assert run.command(Command.RESET, "shore", given=Given(now_s=107.5, **reset)) == ""
+    assert run.status.state is RunState.RUNNING
+
+
+def test_a_reset_without_a_time_was_given_when_it_arrives_and_an_older_one_makes_it_no_older() -> None:
+    run = in_state(RunState.ABORTED)
+    assert run.command(Command.RESET, "by hand", given=Given(now_s=103.0)) == ""
+    assert run.command(Command.RESET, "shore", given=Given(100.0, 104.0)) == ""
+    assert "RESET was given after it" in run.command(Command.GO, "shore", given=Given(102.0, 105.0))
+    run.command(Command.RESET, "shore", given=Given(5.0, 6.0))  # after a reboot
+    assert "RESET was given after it" in run.command(Command.GO, "shore", given=Given(4.0, 7.0))
+    assert run.command(Command.HOLD, "shore", given=Given(100.0, 106.0)) == ""
+    assert "HOLD was given after it" in run.command(Command.GO, "shore", given=Given(105.5, 107.0)), (
+        "a stop: on arrival"
+    )
