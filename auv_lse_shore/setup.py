@@ -44,7 +44,7 @@ setup(
         "jinja2",
         "matplotlib",
         "numpy>=1.26",
-        "pyarrow",
+        "pyarrow<26",  # 26 needs NumPy 2, which its metadata do not say
         "pyproj",
         "pyyaml",
         "rich",

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from packaging.requirements import Requirement
 
 from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
 
@@ -152,3 +153,17 @@ def test_pip_gets_dependencies_types_and_no_commands(package: str, monkeypatch: 
     assert colcon["install_requires"] == []
     with_nodes = bool(colcon.get("entry_points", {}).get("console_scripts"))
     assert with_nodes == (package not in ("auv_lse_common", "auv_lse_shore"))
+
+
+def test_pip_takes_versions_that_suit_the_oldest_numpy_and_those_of_the_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pip does not know what pyarrow needs: 26 is installed beside NumPy 1.26, and its import fails."""
+    lines = (ROOT / "config" / "constraints.txt").read_text().splitlines()
+    tested = dict(line.split("==") for line in lines if re.match(r"[\w.-]+==", line))
+    for package in PACKAGES:
+        for text in setup_of(package, "bdist_wheel", monkeypatch)["install_requires"]:
+            requirement = Requirement(text)
+            assert requirement.url or tested[requirement.name] in requirement.specifier, f"{package}: {text}"
+            if requirement.name == "numpy":
+                assert "1.26.4" in requirement.specifier
+            if requirement.name == "pyarrow":
+                assert "26.0.1" not in requirement.specifier
