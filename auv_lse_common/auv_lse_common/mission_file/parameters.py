@@ -1,13 +1,15 @@
 """Parameters: dataclass fields with unit, range and meaning, and the strict loader that fills them.
 
-A configuration is a frozen dataclass whose fields are declared with `parameter(...)`. `from_mapping` builds it from a
+A `configuration` is a frozen dataclass whose fields are declared with `parameter(...)`. `from_mapping` builds it from a
 nested mapping (from YAML, or from a node's ROS parameters). It rejects unknown and missing keys, and values of the
 wrong type or out of range, with a `ParameterError`.
 """
 
 import dataclasses
 import difflib
+import functools
 import math
+import numbers
 import re
 import types
 import typing
@@ -57,6 +59,32 @@ def parameter(
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+@typing.dataclass_transform(frozen_default=True, kw_only_default=True)
+def configuration(cls: type[T]) -> type[T]:
+    """Decorates a class of parameters: a frozen dataclass whose constructor names a value of the wrong type.
+
+    Ranges are those of mission files, and not checked.
+    """
+    check = cls.__dict__.get("__post_init__", lambda self: None)
+
+    def __post_init__(self: Any) -> None:
+        hints = _hints(self.__class__)
+        for field in dataclasses.fields(self):
+            if not _has_type(hints[field.name], value := getattr(self, field.name)):
+                name = f"{type(self).__name__}.{field.name}"
+                raise ParameterError(f"{name} must be {_allowed(hints[field.name], field)}, not {value!r}")
+        check(self)
+
+    __post_init__.__doc__ = check.__doc__
+    cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    return dataclasses.dataclass(frozen=True, slots=True, kw_only=True)(cls)
+
+
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
 
 
 def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
@@ -211,7 +239,7 @@ def to_mapping(config: Any) -> dict[str, Any]:
 def describe(cls: type, prefix: str = "") -> list[tuple[str, Any, str, str, str]]:
     """Rows (name, default, unit, range or choices, meaning) of every parameter of `cls`, nested ones included."""
     rows: list[tuple[str, Any, str, str, str]] = []
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     for field in dataclasses.fields(cls):
         if dataclasses.is_dataclass(hints[field.name]):
             rows += describe(hints[field.name], f"{prefix}{field.name}.")
@@ -229,7 +257,7 @@ def _declared(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], dict
     """Types and fields of a dataclass, by name."""
     if not isinstance(mapping, Mapping):
         raise ParameterError(f"{where} must be a mapping of parameters, not {mapping!r}")
-    return typing.get_type_hints(cls), {f.name: f for f in dataclasses.fields(cls) if f.init}
+    return _hints(cls), {f.name: f for f in dataclasses.fields(cls) if f.init}
 
 
 def _nearest(key: Any, known: Iterable[str]) -> str:
@@ -270,7 +298,9 @@ def _allowed(hint: Any, field: dataclasses.Field[Any]) -> str:
         element = _TYPE_NAMES[typing.get_args(hint)[0]]
         text = f"a list of {element.removeprefix('a ')}s"
     else:
-        text = _TYPE_NAMES.get(hint, "a mapping of names")
+        text = _TYPE_NAMES.get(
+            hint, f"a {getattr(hint, '__name__', '')}" if dataclasses.is_dataclass(hint) else "a mapping of names"
+        )
     limits, unit = _limits(meta), meta.get("unit") or ""
     words = (text, "from" if " to " in limits else "in" if unit and not limits else "", limits, unit)
     return " ".join(word for word in words if word)
@@ -286,6 +316,20 @@ def _limits(meta: Mapping[str, Any]) -> str:
 
 def _without_none(hint: Any) -> Any:
     return next(a for a in typing.get_args(hint) if a is not type(None))
+
+
+def _has_type(hint: Any, value: Any) -> bool:
+    """Whether a value, which may be NumPy's, has the type of a field."""
+    if (origin := typing.get_origin(hint)) in (typing.Union, types.UnionType):
+        return value is None or _has_type(_without_none(hint), value)
+    if origin is dict:
+        return isinstance(value, Mapping) and all(_has_type(typing.get_args(hint)[1], v) for v in value.values())
+    if origin is tuple:
+        is_list = hasattr(value, "__iter__") and not isinstance(value, str | bytes | Mapping)
+        return is_list and all(_has_type(typing.get_args(hint)[0], v) for v in value)
+    if hint in (int, float):
+        return isinstance(value, numbers.Integral if hint is int else numbers.Real) and not isinstance(value, bool)
+    return isinstance(value, hint)
 
 
 def _convert(hint: Any, value: Any, key: str, field: dataclasses.Field[Any]) -> Any:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import typing
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -21,6 +24,7 @@ from auv_lse_common.mission_file.parameters import (
     section,
     to_mapping,
 )
+from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
 
 
@@ -252,3 +256,37 @@ def test_describe_lists_every_parameter() -> None:
 def test_a_parameter_of_another_section_is_named(section, key, hint):
     with pytest.raises(ParameterError, match=rf"{section}\.{key}: unknown parameter \(value 1\.0\); {hint}"):
         from_mapping(SECTIONS[section], {key: 1.0}, f"m.yaml: {section}")
+
+
+def every_field(cls):
+    for of in dataclasses.fields(cls):
+        kind = typing.get_type_hints(cls)[of.name]
+        yield pytest.param(cls, of.name, id=f"{cls.__name__}.{of.name}")
+        if dataclasses.is_dataclass(kind):
+            yield from every_field(kind)
+
+
+@pytest.mark.parametrize(("cls", "name"), {p.id: p for cls in SECTIONS.values() for p in every_field(cls)}.values())
+def test_a_value_of_the_wrong_type_in_python_is_named_with_what_is_wanted(cls, name):
+    for wrong in (object(), {"a": object()}, [object()], 1j):
+        with pytest.raises(ParameterError, match=rf"^{cls.__name__}\.{name} must be .*, not "):
+            cls(**{name: wrong})
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"length_scale_m": "a"}, r"GpConfig.length_scale_m must be a number > 0 m, not 'a'"),
+        ({"max_centers": 2.5}, r"GpConfig.max_centers must be a whole number >= 1, not 2.5"),
+        ({"noise_std_m": None}, r"GpConfig.noise_std_m must be a number > 0 m, not None"),
+        ({"merge": 1}, r"GpConfig.merge must be true or false, not 1"),
+    ],
+)
+def test_the_error_of_a_wrong_type_reads_like_that_of_a_mission_file(values, message):
+    with pytest.raises(ParameterError, match=message):
+        GpConfig(**values)
+
+
+def test_numbers_of_numpy_and_whole_numbers_of_metres_are_of_the_right_type():
+    config = GpConfig(length_scale_m=np.float32(50.0), max_centers=np.int64(5), mean_depth_m=3)
+    assert (config.length_scale_m, config.max_centers, config.mean_depth_m) == (50.0, 5, 3)

@@ -1,8 +1,6 @@
 """The `tdma` and `packet` sections of a mission file."""
 
-from dataclasses import dataclass
-
-from auv_lse_common.mission_file.parameters import parameter
+from auv_lse_common.mission_file.parameters import configuration, parameter
 from auv_lse_common.vocabulary.modem_rates import MINI_PACKET_S
 
 #: Smallest and largest depth (m) that a sample of a packet can hold.
@@ -14,7 +12,7 @@ WINDOW_S = 0.2
 TURN_S = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class TdmaConfig:
     """Time slots for transmissions (paper, section 5): a fixed order, anchored to a common epoch."""
 
@@ -83,7 +81,7 @@ class TdmaConfig:
         return 2.0 * self.guard_s + self.send_duration_s + self.travel_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class PacketConfig:
     """Content of packets, and the checks of received packets."""
 

@@ -1,16 +1,15 @@
 """Section `area`: the operating area."""
 
-import dataclasses
 import math
 
 import numpy as np
 
-from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_CORNERS
 
 
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class AreaConfig:
     """The area where the vehicles may be."""
 

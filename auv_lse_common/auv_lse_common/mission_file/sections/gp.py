@@ -1,9 +1,8 @@
 """Parameters of the Gaussian process: the section `gp` of a mission file."""
 
-import dataclasses
 import math
 
-from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
 
 #: Names of the covariance functions, see `kernels.py`.
 KERNELS = ("matern52", "squared_exponential", "wendland_c2")
@@ -15,7 +14,7 @@ UNWATCHED_PERIODS = 4
 MEANS = ("constant", "plane", "survey")
 
 
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class GpConfig:
     """The prior of the water depth, and how soundings enter it (paper, section "Online GP")."""
 

@@ -1,12 +1,11 @@
 """Section `level_set`: the isobath to find, and the costs of wrong calls."""
 
-import dataclasses
 import math
 
-from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
 
 
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class LevelSetConfig:
     """The isobath to find, and the costs of wrong calls."""
 

@@ -1,11 +1,9 @@
 """Section `link`: the MAVLink connection to the autopilot."""
 
-from dataclasses import dataclass
-
-from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class LinkConfig:
     """MAVLink connection to the autopilot, and how waypoints are sent to it."""
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import ParameterError, is_given, parameter, section
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, is_given, parameter, section
 from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
 
@@ -16,7 +15,7 @@ from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
 SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class UntilConfig:
     """The quality at which a mission ends before its last step; omitted values are not required."""
 
@@ -59,7 +58,7 @@ class UntilConfig:
         return ", ".join(parts)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class MissionConfig:
     """Goal, size and seed of the mission, and the quality at which it ends."""
 
@@ -75,7 +74,7 @@ class MissionConfig:
     until: UntilConfig = dataclasses.field(default_factory=UntilConfig)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class MotionConfig:
     """Motion primitives (paper, section 4): an arc at the turning radius, then a straight."""
 

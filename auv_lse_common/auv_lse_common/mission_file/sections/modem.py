@@ -1,9 +1,8 @@
 """Section `modem`: connection to the acoustic modem, and its operation."""
 
 import re
-from dataclasses import dataclass
 
-from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
 from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 
 #: Size of a packet (docs/reference/packet.md); every transmission carries exactly one packet.
@@ -16,7 +15,7 @@ HANDSHAKE_S = 0.4
 DRIVERS_OWN = ("SRC", "CST", "RXP", "RXD", "TXP", "TXF", "REV", "XST", "MFD", "ASD", "SNV")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class ModemConfig:
     """WHOI Micromodem-2, driven by `micromodem_node`; its address is the vehicle's number."""
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
 from auv_lse_common.mission_file.goals import MAX_LINE_LEGS, with_method
 from auv_lse_common.mission_file.methods import FAMILIES, METHODS, Family, MethodEntry
-from auv_lse_common.mission_file.parameters import ParameterError, parameter, section
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
@@ -39,7 +39,7 @@ def from_method(paper: Any, **options: Any) -> Any:
     return field(default=None, metadata={**declared.metadata, "paper": paper})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class PlannerConfig:
     """Planning. Omitted parameters follow from the method."""
 

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from auv_lse_common.mission_file.methods import unless_paper_method
-from auv_lse_common.mission_file.parameters import parameter, section
+from auv_lse_common.mission_file.parameters import configuration, parameter, section
 
 
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class PositionsConfig:
     """Position correction, and the prior accuracy of dead reckoning, clocks and instruments."""
 

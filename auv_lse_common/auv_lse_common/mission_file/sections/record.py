@@ -1,11 +1,9 @@
 """The section `record` of a mission file."""
 
-from dataclasses import dataclass
-
-from auv_lse_common.mission_file.parameters import parameter
+from auv_lse_common.mission_file.parameters import configuration, parameter
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class RecordConfig:
     """The recording of a mission."""
 

@@ -1,8 +1,6 @@
 """Section `safety`: the limits of a vehicle, and the response to each."""
 
-from dataclasses import dataclass
-
-from auv_lse_common.mission_file.parameters import parameter
+from auv_lse_common.mission_file.parameters import configuration, parameter
 from auv_lse_common.vocabulary.mission_run import STOPS
 
 RESPONSES = ("warn", "hold", "surface", "abort")
@@ -10,7 +8,7 @@ RESPONSES = ("warn", "hold", "surface", "abort")
 ALTITUDE_RESPONSES = ("climb", *RESPONSES)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class SafetyConfig:
     """Safety limits of one vehicle, and the responses."""
 

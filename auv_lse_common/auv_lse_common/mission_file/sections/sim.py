@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
-from auv_lse_common.mission_file.parameters import parameter
+from auv_lse_common.mission_file.parameters import configuration, parameter
 from auv_lse_common.mission_file.sections.world import (
     AltimeterConfig,
     AutopilotConfig,
@@ -23,14 +23,14 @@ from auv_lse_common.mission_file.sections.world import (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class NavigationConfig:
     """Navigation: the estimate of position and heading."""
 
     ideal: bool = parameter(False, help="true: odometry is the truth, whatever the instruments measure")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class SimConfig:
     """The simulator. `ideal: true` makes a part perfect; here it makes all parts perfect."""
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import ParameterError, merge, parameter
+from auv_lse_common.mission_file.parameters import ParameterError, configuration, merge, parameter
 from auv_lse_common.mission_file.sections.area import metres_only
 from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
@@ -28,7 +28,7 @@ def with_depth(parameters: Mapping[str, Any], vehicle: int) -> Mapping[str, Any]
     return merge(parameters, {"vehicle": {"depth_m": DEPTHS_M[(vehicle - 1) % len(DEPTHS_M)]}})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class VehicleConfig:
     """One vehicle: start, depth, speed, surfacings, and the end of its mission."""
 

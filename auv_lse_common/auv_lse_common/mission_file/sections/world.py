@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from auv_lse_common.mission_file.parameters import parameter
+from auv_lse_common.mission_file.parameters import configuration, parameter
 from auv_lse_common.vocabulary.extent import Extent
 
 _IDEAL = "true: this part is perfect, whatever its other parameters"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class ChartConfig:
     """A coarse chart of the ground, known before the mission: the prior mean of the map (`gp.mean`)."""
 
@@ -29,7 +28,7 @@ class ChartConfig:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class DynamicsConfig:
     """Motion of the vehicle along its legs."""
 
@@ -55,7 +54,7 @@ class DynamicsConfig:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class CurrentConfig:
     """Current, the same everywhere: a mean, a tide and a slow random part."""
 
@@ -70,7 +69,7 @@ class CurrentConfig:
     random_time_s: float = parameter(300.0, above=0.0, unit="s", help="its correlation time")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class GyroConfig:
     """Vertical gyro."""
 
@@ -80,7 +79,7 @@ class GyroConfig:
     bias_walk_deg_h_rth: float = parameter(1.0, low=0.0, unit="deg/h/sqrt(h)", help="random walk of the bias")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class CompassConfig:
     """Heading reference (magnetic compass or AHRS), including its misalignment to the DVL."""
 
@@ -97,7 +96,7 @@ class CompassConfig:
     interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between readings")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class DvlConfig:
     """Doppler velocity log in bottom track; the same pings measure the altitude."""
 
@@ -131,7 +130,7 @@ class DvlConfig:
             )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class AltimeterConfig:
     """Altitude measured by a ping, and how pings become soundings."""
 
@@ -145,7 +144,7 @@ class AltimeterConfig:
     least_pings: int = parameter(3, low=1, help="least pings for a sounding")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class PressureConfig:
     """Depth of the vehicle from pressure."""
 
@@ -154,7 +153,7 @@ class PressureConfig:
     bias_m: float = parameter(0.03, low=0.0, unit="m", help="standard deviation of the offset from run to run")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class AutopilotConfig:
     """A simulated autopilot's barometers and its own depth (link.kind: mavlink); soundings of sim_node do not use them.
 
@@ -182,7 +181,7 @@ class AutopilotConfig:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class GpsConfig:
     """GPS fixes, at the surface only."""
 
@@ -204,7 +203,7 @@ class GpsConfig:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class RangingConfig:
     """Travel times of packets, measured with the modems' clocks."""
 
@@ -223,7 +222,7 @@ class RangingConfig:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class BathymetryConfig:
     """Source of the ground, and how a file is read."""
 
@@ -255,7 +254,7 @@ DEFAULT_WINDOW = Extent(north_min_m=-50.0, north_max_m=550.0, east_min_m=-50.0, 
 LARGEST_M = 5000.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class LakeConfig:
     """Synthetic lakes: a drowned river valley with side valleys (inlets), knolls (islands) and roughness."""
 
@@ -331,7 +330,7 @@ class LakeConfig:
         return Extent.around((north, east), height, width)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@configuration
 class ChannelConfig:
     """Acoustic channel between the modems. Each effect can be switched off (ideal)."""
 
