@@ -3,6 +3,7 @@
 import math
 
 from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 
 
 @configuration
@@ -10,7 +11,7 @@ class LevelSetConfig:
     """The isobath to find, and the costs of wrong calls."""
 
     level_m: float = parameter(
-        15.0, unit="m", low=0.0, high=12_000.0, help="Depth of the isobath, positive downwards (paper: l)"
+        15.0, unit="m", low=0.0, high=DEEPEST_M, help="Depth of the isobath, positive downwards (paper: l)"
     )
     cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe location safe (paper: c1)")
     cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe location unsafe (paper: c2)")
