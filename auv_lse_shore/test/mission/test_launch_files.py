@@ -127,7 +127,10 @@ def test_a_mission_without_a_recorder(launch: Any, tmp_path: Path) -> None:
 def test_a_vehicle(launch: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "vehicles.yaml"
     modem, record = {"kind": "micromodem", "port": "/dev/ttyS0"}, {"folder": "bag"}
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"modem": modem, "record": record}}}))
+    mission = {"vehicles": 2, "steps": 100}
+    file.write_text(
+        yaml.safe_dump({"/**": {"ros__parameters": {"mission": mission, "modem": modem, "record": record}}})
+    )
     path = "auv_lse_run/launch/vehicle.launch.py"
     monkeypatch.setenv("ROS_DOMAIN_ID", "82")
     _, start = launch(path, name="auv2", params_file=str(file), out=str(tmp_path / "dive"))
