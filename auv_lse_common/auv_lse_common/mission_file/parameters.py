@@ -78,7 +78,7 @@ def configuration(cls: type[T]) -> type[T]:
         check(self)
 
     __post_init__.__doc__ = check.__doc__
-    cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    type.__setattr__(cls, "__post_init__", __post_init__)
     return dataclasses.dataclass(frozen=True, slots=True, kw_only=True)(cls)
 
 
