@@ -41,7 +41,9 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             row = [float(f.replace(",", ".")) for f in fields]
         except ValueError:
             bad = next(f for f in fields if not _is_number(f.replace(",", ".")))
-            raise GroundError(f"{path}:{number}: {bad[:40]!r} is not a number.") from None
+            raise GroundError(
+                f"{path}:{number}: {bad[:40]!r} is not a number. Separate numbers by blanks, and write them as 12.4"
+            ) from None
         values.extend(row)
         counts.append(len(row))
         lines.append(number)
@@ -69,9 +71,13 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
         raise GroundError(f"{path}: its cells are {dx:g} x {dy:g}; write sizes above 0")
     x = header[x_name] + dx * (0.5 * (x_name == "xllcorner") + np.arange(columns, dtype=np.float64))
     y = header[y_name] + dy * (0.5 * (y_name == "yllcorner") + np.arange(rows, dtype=np.float64))
-    projection = path.with_suffix(".prj")
-    crs = projection.read_text() if projection.is_file() else None
-    return raster_ground(path, x, y, grid, crs, config, origin)
+    return raster_ground(path, x, y, grid, _projection(path), config, origin)
+
+
+def _projection(path: Path) -> str | None:
+    """The text of the .prj file beside a grid, whose ending may be in capitals; None if there is none."""
+    files = (path.with_suffix(ending) for ending in (".prj", ".PRJ"))
+    return next((decoded(file.read_bytes()).strip() for file in files if file.is_file()), None) or None
 
 
 def _check_count(path: Path, counts: Sequence[int], lines: Sequence[int], rows: int, columns: int) -> None:

@@ -207,15 +207,13 @@ def _ground(
     if data.driver == "netCDF":
         values, note = _valid(values, data.tags(band), scale, offset)
         notes += note
-    values = values * (scale * said.unit_m) + offset * said.unit_m
+    values = values * scale + offset
     if part.height * part.width < data.height * data.width:
         notes.append(f"only the {part.height:,} x {part.width:,} nodes around the area are read")
     if block > 1:
         notes.append(f"means of {block} x {block} nodes, from {part.height:,} x {part.width:,}")
     if (scale, offset) != (1.0, 0.0):
         notes.append(f"scale {scale:g} and offset {offset:g} of the file applied")
-    if said.unit_m != 1.0:
-        notes.append(f"converted from units of {said.unit_m:g} m")
     x = x[part.col_off : part.col_off + part.width]
     y = y[part.row_off : part.row_off + part.height]
     x, y = (axis[: len(axis) // block * block].reshape(-1, block).mean(axis=1) for axis in (x, y))

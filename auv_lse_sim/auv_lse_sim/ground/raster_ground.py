@@ -10,7 +10,7 @@ from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.soundings import longitude_180
-from auv_lse_sim.ground.band_meaning import Meaning, is_elevation
+from auv_lse_sim.ground.band_meaning import Meaning, meaning
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes, checked_origin
 from auv_lse_sim.ground.ground import GroundError
@@ -35,13 +35,13 @@ def raster_ground(
         grid: Values (ny, nx), NaN where unknown.
         crs: Their coordinate reference system in a form that pyproj reads, None if the file has none.
         origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
-        said: What the file states about the values, already in metres; None: its name decides.
+        said: What the file states about the values; None: its name decides.
 
     Raises:
         GroundError: if the values or the projection are not understood, or the raster lies far from the origin or is
             too large.
     """
-    grid, notes = _depths(path, x, y, grid, said or Meaning(up=is_elevation(path.stem)), config)
+    grid, notes = _depths(path, x, y, grid, said or meaning({}, "", None, path.stem, str(path)), config)
     degrees = x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
         return _local_raster(path, x, y, grid, notes)
@@ -51,7 +51,10 @@ def raster_ground(
     try:
         to_raster = Transformer.from_crs("EPSG:4326", CRS.from_user_input(crs or "EPSG:4326"), always_xy=True)
     except CRSError as error:
-        raise GroundError(f"{path}: projection not understood: {brief(error)}") from error
+        raise GroundError(
+            f"{path}: its projection is not understood: {brief(error)}. Write its code, such as EPSG:32632, into the "
+            ".prj file beside a grid; for other rasters use gdal_edit.py -a_srs"
+        ) from error
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
     lon, lat = to_raster.transform(corners_x, corners_y, direction="INVERSE")
     if not (np.isfinite(lat).all() and np.isfinite(lon).all()):
@@ -85,7 +88,9 @@ def _depths(
         raise GroundError(f"{path}: has {len(y)} x {len(x)} nodes; a grid needs at least 2 x 2")
     if not (np.isfinite([x[0], x[-1], y[0], y[-1]]).all() and x[1] > x[0] and y[1] > y[0]):
         raise GroundError(f"{path}: coordinates from {x[0]:g}, {y[0]:g} to {x[-1]:g}, {y[-1]:g} make no grid")
-    depth, notes = grid_depths(grid, path, said.name, said.up, config)
+    depth, notes = grid_depths(grid * said.unit_m, path, said.name, said.up, config)
+    if said.unit_m != 1.0:
+        notes.append(f"converted from units of {said.unit_m:g} m")
     if upside_down(depth, notes[0], config):
         raise GroundError(
             f"{path}: {said.name} are depths, but mostly negative (median {np.nanmedian(depth):g} m): {SIGN_ADVICE}"

@@ -62,6 +62,36 @@ def test_ascii_grid_with_a_projection(tmp_path):
     check_bottom(shifted, offset=(200.0, 200.0), tolerance=0.05)
 
 
+@pytest.mark.parametrize("ending", ["prj", "PRJ"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_a_projection_of_other_programs_is_read(tmp_path, ending, encoding):
+    pyproj = pytest.importorskip("pyproj", reason="pyproj is not installed")
+    to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True)
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    (tmp_path / "LAKE_DEPTH.ASC").write_text(ascii_text(depth, *to_utm.transform(9.3, 47.5), 10.0, "xllcenter"))
+    wkt = pyproj.CRS("EPSG:32632").to_wkt("WKT1_ESRI").replace("WGS_1984_UTM_Zone_32N", "Zürichsee")
+    (tmp_path / f"LAKE_DEPTH.{ending}").write_bytes(wkt.encode(encoding))
+    check_bottom(load_ground(tmp_path / "LAKE_DEPTH.ASC", origin=(47.5, 9.3)), low=20.0, high=380.0, tolerance=0.35)
+
+
+def test_a_projection_that_is_not_understood_names_its_cure(tmp_path):
+    pytest.importorskip("pyproj", reason="pyproj is not installed")
+    (tmp_path / "depth.asc").write_text(ascii_text(np.full((3, 3), 12.0), 315_000.0, 5_152_000.0, 10.0))
+    (tmp_path / "depth.prj").write_text("Projection UTM\nZone 32\nDatum WGS84\nParameters\n")
+    with pytest.raises(GroundError, match=r"depth\.asc: its projection is not understood: .*such as EPSG:32632"):
+        load_ground(tmp_path / "depth.asc")
+
+
+def test_a_unit_at_the_end_of_the_name_of_an_ascii_grid_counts(tmp_path):
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    (tmp_path / "lake_depth_ft.asc").write_text(ascii_text(depth / 0.3048, -5.0, -5.0, 10.0))
+    ground = load_ground(tmp_path / "lake_depth_ft.asc")
+    check_bottom(ground, tolerance=0.05)
+    assert "converted from units of 0.3048 m" in ground.describe()
+
+
 def test_geotiff_without_rasterio_says_so(tmp_path, monkeypatch):
     import builtins
 
