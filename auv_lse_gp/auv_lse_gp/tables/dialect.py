@@ -31,12 +31,13 @@ _THOUSANDS = re.compile(r"([+-]?\d{1,3})(([.,'’\xa0\u2009\u202f])\d{3}(?:\3\d{
 #: Numbers that may have separated thousands or three decimals, in tables with a decimal point and a decimal comma.
 _EITHER = {False: re.compile(r"[+-]?[1-9]\d{0,2},\d{3}"), True: re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")}
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
-#: Cells of words: a date with its time, a time with AM or a zone, an angle, and a number with its unit.
+#: Cells of words: a date with its time, a time with AM or a zone, an angle, its minutes, a number with its unit.
 _OF_WORDS = re.compile(
     r"(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}[-/ .]{1,2}[^\W\d]{3,9}[-/ .,]{1,2}\d{2,4})"
     r" \d{1,2}:[\d:.,]+( [A-Za-z.]{2,5}){0,2}"
     r"|\d{1,2}:\d{2}[\d:.]* [A-Za-z.]{2,5}"
     r"|(?=.*[NSEW°º'])[NSEW]? ?\d{1,3}[°º]?([- ]? ?\d[\d.]*['′]?){0,2}[\"″]? ?[NSEW]?"
+    r"|[+-]?\d{1,3}( [0-5]?\d){1,2}\.\d+"
     r"|[+-]?\d[\d.]* [^\W\d]{1,9}"
 )
 #: Rows that are converted at once: few, because Python searches many small lists for cycles again and again.

@@ -170,6 +170,17 @@ def test_hemispheres_in_columns_of_their_own_count(tmp_path):
         assert rows[:, 1:3] == pytest.approx(np.column_stack([north, east]), abs=0.01)
 
 
+@pytest.mark.parametrize("parts", [1, 2])
+def test_blanks_within_angles_beside_columns_of_hemispheres_do_not_split_cells(tmp_path, parts):
+    def angle(degrees):
+        minutes = round(degrees * 60.0, 6)
+        whole = f"{minutes // 60:.0f} "
+        return whole + (f"{minutes % 60:.6f}" if parts == 1 else f"{minutes % 60 // 1:.0f} {minutes % 1 * 60:.4f}")
+
+    data = lines("Lat,N/S,Lon,E/W,Depth", lambda t, a, o, d: f"{angle(a)},N,{angle(o)},E,{d:.3f}")
+    checked(gathered(tmp_path, data), starts=None)
+
+
 def test_an_o_is_east_or_west_and_refused(tmp_path):
     for data in (
         lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f} N,{o:.8f} O,{d:.3f},{utc(t)}"),
