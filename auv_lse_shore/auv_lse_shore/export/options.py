@@ -92,6 +92,11 @@ def survey_of(options: argparse.Namespace) -> Survey:
             sources[name] = "constant" if _number(given) is not None else Path(given).name
     if not 1000.0 <= options.sounder_speed <= 2000.0:
         raise SurveyError(f"--sounder-speed must be 1000 to 2000 m/s, not {options.sounder_speed:g}")
+    if options.sounder_speed != USUAL_SOUNDER_SPEED_MPS and options.sound_speed is None:
+        raise SurveyError(
+            f"--sounder-speed {options.sounder_speed:g} corrects depths only together with --sound-speed, the speed in "
+            "the water. Add it"
+        )
     interval = options.contour_interval
     if interval is not None and not (math.isfinite(interval) and interval > 0.0):
         raise SurveyError(f"--contour-interval must be more than 0 m, not {interval:g}")

@@ -104,6 +104,7 @@ def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyL
         name=content.name,
         positions=positions,
         depths=_in_order(rows[:, :2]),
+        immersion=_in_order(content.own_depths),
         is_geodetic=content.is_geodetic,
         has_time=content.clock is not Clock.NONE and not content.stood_still,
         is_utc=content.clock in (Clock.UTC, Clock.LOCAL),
@@ -257,7 +258,7 @@ def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) ->
     found, lat_deg = tables[kind], float(np.median(log.positions[:, 1]))
     surface_pa = middle(kind)[0]
     depths = [max(depth_of(pa - surface_pa, density_kgpm3, lat_deg), 0.0) for pa in found[:, 1].tolist()]
-    log.immersion = np.column_stack([found[:, 0], depths])
+    log.immersion, log.is_immersion_added = np.column_stack([found[:, 0], depths]), False
     log.immersion = log.immersion[np.isfinite(log.immersion).all(axis=1)]
     log.notes.append(f"the vehicle's own depth from {kind}, with the lowest pressure as the surface")
 

@@ -80,6 +80,7 @@ class LogContent:
         stood_still: Whether the clock stood still, so that times only order the rows.
         is_geodetic: Whether positions are degrees; else metres north and east.
         is_submarine: Whether the log is of a vehicle under water, whose own depth has to be added.
+        own_depths: Rows (time s, depth of the vehicle m) that the depths contain; no rows for a boat.
         is_checked: Whether this project wrote it: its soundings have passed the checks.
         position_std_m: Stated standard deviations north and east (m) of the positions, (n, 2), or None.
         depth_std_m: Largest stated standard deviation (m) of a depth; 0 if none is stated.
@@ -96,6 +97,7 @@ class LogContent:
         self.stood_still = False
         self.is_geodetic = True
         self.is_submarine = False
+        self.own_depths: Array = np.empty((0, 2))
         self.is_checked = False
         self.position_std_m: Array | None = None
         self.depth_std_m = 0.0
@@ -171,6 +173,7 @@ class LogContent:
                 np.frombuffer(values, dtype=float).reshape(-1, columns)[:, 0] += by_s
         for sounder in self.sounders.values():
             np.frombuffer(sounder.pings, dtype=float).reshape(-1, 3)[:, 0] += by_s
+        self.own_depths[:, 0] += by_s
 
     @property
     def span_s(self) -> tuple[float, float]:

@@ -25,8 +25,9 @@ class SurveyLog:
 
     Attributes:
         positions: Rows (time s, latitude deg, longitude deg), or (time s, north m, east m) if not `is_geodetic`.
-        depths: Rows (time s, depth of water m), below the surface, or below the vehicle if there is an `immersion`.
+        depths: Rows (time s, depth of water m), below the surface, or below the vehicle if `immersion` is to be added.
         immersion: Rows (time s, depth of the vehicle m); no rows for a boat.
+        is_immersion_added: Whether `depths` contain it.
         is_geodetic: Whether positions are degrees.
         has_time: Whether the log has times; else they only number the soundings.
         is_utc: Whether times are seconds since 1970 UTC, or near it where a clock stood still (then not `has_time`);
@@ -45,6 +46,7 @@ class SurveyLog:
     positions: Array
     depths: Array
     immersion: Array = field(default_factory=lambda: np.empty((0, 2)))
+    is_immersion_added: bool = True
     is_geodetic: bool = True
     has_time: bool = True
     is_utc: bool = True

@@ -265,7 +265,7 @@ def _pings(log: SurveyLog, times: Array, track: Array, how: Placement) -> Array:
     course = track[after[use], 2]
     north += how.forward_m * np.cos(course) - how.starboard_m * np.sin(course)
     east += how.forward_m * np.sin(course) + how.starboard_m * np.cos(course)
-    return np.column_stack([stamps, north, east, depths + immersion])
+    return np.column_stack([stamps, north, east, depths if log.is_immersion_added else depths + immersion])
 
 
 def combined(pings: Array) -> Array:

@@ -20,6 +20,7 @@ from auv_lse_record.run_reader import read_run
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.export.export import export
+from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.team_map import team_map
 
 adjust_main = verb_main("adjust")
@@ -94,6 +95,22 @@ def test_the_map_has_the_known_depth_and_its_isobath_is_exported(tmp_path):
     inside = (line > 0).all(axis=1) & (line < [120, 160]).all(axis=1)
     assert inside.sum() > 10
     assert depth_m(*line[inside].T) == pytest.approx(11.0, abs=0.25)
+
+
+@pytest.mark.parametrize(("altitude", "has_times"), [(True, True), (False, True), (False, False)])
+def test_sound_speed_corrects_the_range_below_the_transducer_alone(tmp_path, altitude, has_times):
+    """A vehicle's own depth comes from pressure; a boat's is 0, also without times."""
+    depth = "depth,height above bottom" if altitude else "depth"
+    text = f"lat,lon,{depth}{',utc' if has_times else ''}\n"
+    for stamp_s, lat, lon, _ in survey():
+        values = f"{6.0 + stamp_s % 3:.3f}" + altitude * ",6.000"
+        text += f"{lat:.8f},{lon:.8f},{values}{f',{stamp_s:.0f}' if has_times else ''}\n"
+    (tmp_path / "a.csv").write_text(text)
+    assert main([str(tmp_path / "a.csv"), "--out", str(tmp_path / "run")]) == 0
+    run = read_run(tmp_path / "run")
+    recorded = run.vehicles[0].soundings.depth_m
+    reduced = Survey(sound_speed=np.array([[0.0, 1450.0]])).reduce(run).vehicles[0].soundings.depth_m
+    assert recorded - reduced == pytest.approx((6.0 if altitude else recorded) * 50.0 / 1500.0, abs=2e-3)
 
 
 def test_the_prior_of_a_sloping_bottom_has_a_mean_within_the_depths(tmp_path):

@@ -200,6 +200,7 @@ def test_a_constant_sound_speed_scales_the_range():
         (["--std", "sounder=x"], "--std: sounder=x is not NAME=VALUE"),
         (["--contours", "5,deep"], "--contours: 5,deep cannot be used"),
         (["--sound-speed", "15"], "not 15$"),
+        (["--sounder-speed", "1480"], "--sounder-speed 1480 corrects depths only together with --sound-speed"),
         (["--crs", "EPSG:1"], "--crs: EPSG:1 is not a coordinate system"),
         (["--crs", "EPSG:5773"], "--crs: EPSG:5773 has no horizontal coordinates"),
         (["--origin", "146", "-37"], "--origin: latitude 146, longitude -37 is not .* Are they swapped"),

@@ -99,6 +99,8 @@ def _contents(
 def _fill(content: LogContent, rows: tv.Rows) -> None:
     """Adds the positions and depths of one vehicle."""
     content.is_geodetic, content.depth_std_m = rows.is_geodetic, rows.depth_std_m
+    known = np.isfinite(rows.own_depth_m)
+    content.own_depths = np.column_stack([rows.time_s, rows.own_depth_m])[known]
     content.add_positions("its columns", np.column_stack([rows.time_s, rows.positions])[rows.is_position])
     if rows.position_std_m is not None:
         order = np.argsort(rows.time_s[rows.is_position], kind="stable")

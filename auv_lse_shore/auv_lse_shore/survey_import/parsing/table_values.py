@@ -51,12 +51,13 @@ _BELOW = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rows:
-    """The values of a table's rows, shape (n,) each; `positions` (n, 2)."""
+    """The values of a table's rows, shape (n,) each; `positions` (n, 2); `own_depth_m`: the vehicle's, 0 for a boat."""
 
     time_s: Array
     positions: Array
     is_position: Mask
     depth_m: Array
+    own_depth_m: Array
     quality: Array
     sounders: NDArray[np.str_]
     is_geodetic: bool
@@ -75,6 +76,7 @@ class Rows:
             positions=self.positions[mask],
             is_position=self.is_position[mask],
             depth_m=self.depth_m[mask],
+            own_depth_m=self.own_depth_m[mask],
             quality=self.quality[mask],
             sounders=self.sounders[mask],
             position_std_m=None if self.position_std_m is None else self.position_std_m[mask],
@@ -155,7 +157,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
     time_s = times_of(table, _steps_m(positions, is_geodetic), options, content)
     timeless = ~np.isfinite(time_s)
     content.left_out["rows without a time"] += int(timeless.sum())
-    depth_m, reference = _depths(table, options, content)
+    depth_m, own_depth_m, reference = _depths(table, options, content)
     # a position that is repeated while the boat moves is an old one: see `track.py`
     is_position = ~(missing | zero | wrong | timeless)
     if content.clock is Clock.NONE:  # no time to interpolate by
@@ -178,6 +180,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
         positions=positions,
         is_position=is_position,
         depth_m=np.where(timeless | wrong, np.nan, depth_m),
+        own_depth_m=np.where(timeless, np.nan, own_depth_m),
         quality=quality,
         sounders=sounders,
         is_geodetic=is_geodetic,
@@ -265,8 +268,8 @@ def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple
     return positions, False
 
 
-def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, Reference]:
-    """Depths (m), positive down, NaN where missing; and what they are measured from."""
+def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, Array, Reference]:
+    """Depths of the water and of the vehicle (m), positive down, NaN where missing; and what the first begin at."""
     role = depth_role(table.columns)
     column, values = table.columns[role], np.array(table.values[role], dtype=float)
     options.used.add("depth_unit")
@@ -278,16 +281,18 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     stated = None if factor or column.unit.strip("- ") else _stated_units(table, column, content)
     content.notes.append(f"column {column.name}{_unit_note(column, factor) if stated is None else ''}")
     values = values if stated is None else values * stated
-    known = values[np.isfinite(values)]
+    known, own = values[np.isfinite(values)], np.zeros(len(values))
     if role == "depth":
         unit_m = (factor or 1.0) if stated is None else stated
-        values = _below_surface(table, content.downward(values), unit_m, options, content)
+        depths = content.downward(values)
+        values = _below_surface(table, depths, unit_m, options, content)
+        own = depths if values is not depths else own
     else:
         values = _from_elevations(table, column, role, values, known, options)
     absurd = np.abs(values) > DEEPEST_M
     content.left_out[f"depths beyond {DEEPEST_M:,.0f} m"] += int(absurd.sum())
     word = next((word for word in _BELOW if word in column.name.lower()), "")
-    return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
+    return np.where(absurd, np.nan, values), own, _BELOW.get(word, Reference.SURFACE)
 
 
 def _below_surface(
