@@ -397,3 +397,27 @@ def test_a_depth_that_a_sounder_shows_without_an_echo_is_left_out(tmp_path, name
     found = gathered(path)
     assert f"- left out: {len(rows[5::20])} depths of 45 m, repeated and far from all others" in found.lines
     assert found.placed[0].soundings[:, 3].max() < 17.0
+
+
+@pytest.mark.parametrize("separators", [(", ", ": "), (",", ":")])
+@pytest.mark.parametrize(
+    ("reference", "steps", "asked"),
+    [
+        ("Transducer", [], "question: depths are below the transducer, whose depth is unknown"),
+        ("Unknown", [], "question: the file leaves open what its depths are measured from: the surface is assumed"),
+        ("Unknown", ["LN02 372 m"], "question: depths are reduced to LN02 372 m: auv_lse export --datum 'LN02 372 m'"),
+        ("Waterline", [], ""),
+    ],
+)
+def test_the_vertical_reference_of_crowdsourced_bathymetry_is_asked_about(
+    tmp_path, separators, reference, steps, asked
+):
+    data = json.loads(crowdsourced(survey()[:120]))
+    data["properties"]["trustedNode"] = {"verticalReferenceOfDepth": reference}
+    data["properties"]["processing"] = [{"type": "VerticalReduction", "datum": datum} for datum in steps]
+    (tmp_path / "a.geojson").write_text(json.dumps(data, separators=separators))
+    options = parser().parse_args([str(tmp_path / "a.geojson"), "--origin", "46.5", "6.6"])
+    lines = gather(options.logs, user_facts(options)).lines
+    questions = [line for line in lines if "question" in line]
+    assert len(questions) == bool(asked)
+    assert not asked or asked in questions[0]
