@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from auv_lse_common.support.arrays import Array
-from auv_lse_shore.export.survey import Survey
+from auv_lse_common.support.plurals import counted
+from auv_lse_shore.export.survey import FIRST_UTC_S, Survey, moment
 from auv_lse_shore.judge.team_map import TeamMap
 
 #: Value of raster cells outside of the operating area.
@@ -75,6 +76,15 @@ class Reference:
         return f"metres about {latitude:.6f}, {longitude:.6f} deg (azimuthal equidistant, WGS84)"
 
 
+def _period(stamps_s: Array) -> str:
+    """When soundings (n,) were taken; a chart of a simulation must not pass for one of a lake."""
+    if not len(stamps_s):
+        return ""
+    if stamps_s.min() < FIRST_UTC_S:
+        return ", simulated or without dates"
+    return f" from {moment(stamps_s.min())} to {moment(stamps_s.max())}"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
     """Everything that a format may write.
@@ -103,8 +113,13 @@ class Export:
         return Reference(origin=self.team.run.origin)
 
     def metadata(self) -> dict[str, str]:
-        """Coordinates, vertical datum, corrections and uncertainties in words, for the files' metadata."""
-        return {"coordinates": self.reference.describe(), **self.survey.describe()}
+        """Coordinates, soundings, datum, corrections and uncertainties in words, for the files' metadata."""
+        stamps_s = np.concatenate([vehicle.soundings.stamp_s for vehicle in self.team.run.vehicles])
+        return {
+            "coordinates": self.reference.describe(),
+            "soundings": f"{counted(len(stamps_s), 'sounding')}{_period(stamps_s)}",
+            **self.survey.describe(),
+        }
 
     def rasters(self) -> Iterator[Raster]:
         """The maps."""

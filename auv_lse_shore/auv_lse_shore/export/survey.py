@@ -173,8 +173,8 @@ class Survey:
             return np.zeros(len(stamp_s))
         if len(level) > 1 and len(stamp_s) and not level[0, 0] <= stamp_s.min() <= stamp_s.max() <= level[-1, 0]:
             raise SurveyError(
-                f"--water-level covers only {_moment(level[0, 0])} to {_moment(level[-1, 0])}, but the soundings are "
-                f"from {_moment(stamp_s.min())} to {_moment(stamp_s.max())}. Give the levels of the whole dive"
+                f"--water-level covers only {moment(level[0, 0])} to {moment(level[-1, 0])}, but the soundings are "
+                f"from {moment(stamp_s.min())} to {moment(stamp_s.max())}. Give the levels of the whole dive"
             )
         _check_gaps(level[:, 0], stamp_s)
         return np.interp(stamp_s, level[:, 0], level[:, 1])
@@ -190,7 +190,7 @@ def _check_gaps(times_s: Array, stamp_s: Array) -> None:
     if around.max() > max(_LONGEST_GAP * usual_s, _LONGEST_GAP_S):
         first = before[around.argmax()]
         raise SurveyError(
-            f"--water-level has no level from {_moment(times_s[first])} to {_moment(times_s[first + 1])}, "
+            f"--water-level has no level from {moment(times_s[first])} to {moment(times_s[first + 1])}, "
             f"where levels are usually {usual_s:g} s apart, and {counted(int((before == first).sum()), 'sounding')} "
             "are within. Add the levels of this time, measured or predicted"
         )
@@ -202,7 +202,7 @@ def _step_around(times_s: Array, stamp_s: Array) -> tuple[Ints, Array]:
     return before, np.where(times_s[before + 1] == stamp_s, 0.0, np.diff(times_s)[before])
 
 
-def _moment(stamp_s: float) -> str:
+def moment(stamp_s: float) -> str:
     """A time for messages: UTC, or seconds of a simulation."""
     if stamp_s < FIRST_UTC_S:
         return f"{stamp_s:.0f} s"

@@ -141,6 +141,7 @@ def test_every_file_that_can_records_datum_and_corrections(lake):
     words = json.loads((folder / "metadata.json").read_text())
     assert words["vertical_datum"] == DATUM
     assert words["sound_speed"] == "1440 to 1480 m/s (profile.csv)"
+    assert re.fullmatch(r"\d+ soundings, simulated or without dates", words["soundings"])
     assert "Edition 6.1.0" in words["s44"]
     for name in ("isobath.geojson", "contours.geojson"):
         assert json.loads((folder / name).read_text())["metadata"].items() <= words.items()
@@ -386,6 +387,10 @@ def for_b12(lake, tmp_path):
         sound_speed=np.array([[0.0, 1450.0]]),
     )  # fmt: skip
     return Export(team=dataclasses.replace(lake[1], run=run), folder=tmp_path, survey=survey)
+
+
+def test_metadata_tell_when_soundings_were_taken(for_b12):
+    assert re.fullmatch(r"\d+ soundings from 2027-01-15T08:\S+Z to 2027-01-15T\S+Z", for_b12.metadata()["soundings"])
 
 
 def test_crowdsourced_bathymetry_follows_b12(for_b12):

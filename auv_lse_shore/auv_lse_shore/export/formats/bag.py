@@ -44,7 +44,7 @@ def write(export: Export) -> str:
 def _metadata(export: Export) -> dict[str, str]:
     """Variables of the XML metadata that GDAL writes; rasterio passes them in capitals."""
     datum = export.survey.vertical_datum.replace('"', "'")
-    about = "; ".join(f"{key}: {text}" for key, text in export.survey.describe().items())
+    about = "; ".join(f"{key}: {text}" for key, text in export.metadata().items() if key != "coordinates")
     content = f"Gaussian process map of soundings by underwater vehicles. Uncertainty: 95 % ({EDITION})"
     provider = export.survey.provider
     return {
