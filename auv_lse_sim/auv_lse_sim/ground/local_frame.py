@@ -24,3 +24,22 @@ def check_near(path: Path, north: Array, east: Array, lat: Array, lon: Array, or
             f"deg are all farther than {FAR_M / 1000:g} km from the mission's area.origin_lat_deg, "
             f"origin_lon_deg = {origin[0]:g}, {origin[1]:g}. Change the origin, or leave both out"
         )
+
+
+def check_placed(path: Path, east: float, north: float, origin: tuple[float, float] | None, advice: str) -> None:
+    """Checks that a mission with an origin on Earth takes no data in an unknown projection.
+
+    Args:
+        east: The middle of the data (m) in that projection.
+        north: The same.
+        origin: WGS84 latitude and longitude (deg) of the mission's local origin; None if it has none.
+        advice: The cure.
+
+    Raises:
+        GroundError: if it does.
+    """
+    if origin is not None:
+        raise GroundError(
+            f"{path}: its coordinates, about {east:.0f} east, {north:.0f} north, are in an unknown projection, and the "
+            f"mission has an origin on Earth, {origin[0]:g}, {origin[1]:g} deg. {advice}"
+        )

@@ -14,7 +14,11 @@ from auv_lse_sim.ground.band_meaning import Meaning, meaning
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes, checked_origin
 from auv_lse_sim.ground.ground import GroundError
-from auv_lse_sim.ground.local_frame import check_near
+from auv_lse_sim.ground.local_frame import check_near, check_placed
+
+_PROJECTION_ADVICE = (
+    "Write its code, such as EPSG:32632, into the .prj file beside a grid; for other rasters use gdal_edit.py -a_srs"
+)
 
 
 def raster_ground(
@@ -44,17 +48,14 @@ def raster_ground(
     grid, notes = _depths(path, x, y, grid, said or meaning({}, "", None, path.stem, str(path)), config)
     degrees = x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
-        return _local_raster(path, x, y, grid, notes)
+        return _local_raster(path, x, y, grid, notes, origin)
     from pyproj import CRS, Transformer
     from pyproj.exceptions import CRSError
 
     try:
         to_raster = Transformer.from_crs("EPSG:4326", CRS.from_user_input(crs or "EPSG:4326"), always_xy=True)
     except CRSError as error:
-        raise GroundError(
-            f"{path}: its projection is not understood: {brief(error)}. Write its code, such as EPSG:32632, into the "
-            ".prj file beside a grid; for other rasters use gdal_edit.py -a_srs"
-        ) from error
+        raise GroundError(f"{path}: its projection is not understood: {brief(error)}. {_PROJECTION_ADVICE}") from error
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
     lon, lat = to_raster.transform(corners_x, corners_y, direction="INVERSE")
     if not (np.isfinite(lat).all() and np.isfinite(lon).all()):
@@ -98,11 +99,14 @@ def _depths(
     return depth, (*notes, *said.notes)
 
 
-def _local_raster(path: Path, x: Array, y: Array, grid: Array, notes: tuple[str, ...]) -> GridGround:
+def _local_raster(
+    path: Path, x: Array, y: Array, grid: Array, notes: tuple[str, ...], origin: tuple[float, float] | None
+) -> GridGround:
     """A raster without a projection: in local metres, or, with large coordinates, in metres about its middle."""
     note = "coordinates taken as local metres"
     if max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0:
         x0, y0 = float(x[0] + x[-1]) / 2.0, float(y[0] + y[-1]) / 2.0
+        check_placed(path, x0, y0, origin, _PROJECTION_ADVICE)
         x, y = x - x0, y - y0
         note = f"no projection given: local origin put at its {x0:.1f}, {y0:.1f}"
     return GridGround(y, x, grid, name=path.name, origin=None, notes=(*notes, note))

@@ -22,7 +22,7 @@ from auv_lse_sim.ground.band_meaning import is_elevation
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import GridGround
 from auv_lse_sim.ground.ground import GroundError
-from auv_lse_sim.ground.local_frame import check_near, ranges
+from auv_lse_sim.ground.local_frame import check_near, check_placed, ranges
 
 
 def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
@@ -94,6 +94,7 @@ def _xyz_ground(
         notes.append(f"x, y taken as {order}")
     elif is_far(north, east):
         middle = float(np.median(east)), float(np.median(north))
+        check_placed(path, *middle, origin, "Write longitude and latitude instead")
         north, east, origin = north - middle[1], east - middle[0], None
         notes.append(f"no projection given: local origin put at its {middle[0]:.1f}, {middle[1]:.1f}")
     check_together(lambda k: table.file.where(kept[k]), north, east)

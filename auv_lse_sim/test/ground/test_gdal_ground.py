@@ -257,6 +257,8 @@ def test_xyz_without_a_header(tmp_path, separator, decimal):
     ground = load_ground(tmp_path / "g.xyz", BathymetryConfig(smoothing_m=0.0))
     check_bottom(ground, offset=(200.0, 200.0), tolerance=0.5)
     assert "local origin put at its 500200.0, 5200200.0" in ground.describe()
+    with pytest.raises(GroundError, match=r"unknown projection, and the mission has an origin .* Write longitude"):
+        load_ground(tmp_path / "g.xyz", origin=(47.0, 9.0))
     (tmp_path / "g.xyz").write_text(text + "\n1 2\n")
     with pytest.raises(GroundError, match=r"g\.xyz:1682: \d fields? '1 2', but the first row has 3"):
         load_ground(tmp_path / "g.xyz")

@@ -60,6 +60,10 @@ def test_ascii_grid_with_a_projection(tmp_path):
     shifted = load_ground(far)
     assert "no projection given" in shifted.describe()
     check_bottom(shifted, offset=(200.0, 200.0), tolerance=0.05)
+    with pytest.raises(
+        GroundError, match=r"unknown projection, and the mission has an origin .*47\.5, 9\.3.*\.prj file"
+    ):
+        load_ground(far, origin=(47.5, 9.3))
 
 
 @pytest.mark.parametrize("ending", ["prj", "PRJ"])
