@@ -126,11 +126,15 @@ def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyL
             )
     if content.is_submarine:
         _add_immersion(log, content, choice.density_kgpm3)
-    if log.has_time and (back_s := content.set_back_s()):
-        log.questions.append(
-            f"its clock was set back by {back_s:,.0f} s, so parts of the log have the same times, and their positions "
-            "are mixed: split it there, and import one part"
+    back_s, is_mixed = content.set_back()
+    if log.has_time and back_s:
+        effect = (
+            ", so parts of the log have the same times, and their positions are mixed: split it there, and import one "
+            "part"
+            if is_mixed
+            else ": the times before or after it may be wrong. Split it there, and import one part with --date"
         )
+        log.questions.append(f"its clock was set back by {back_s:,.0f} s{effect}")
     return log
 
 

@@ -226,14 +226,23 @@ class LogContent:
         """Rows (time s, latitude, longitude) of each kind of position that has any, in order of time."""
         return {kind: _table(rows, 3) for kind, rows in self._positions.items() if len(rows)}
 
-    def set_back_s(self) -> float:
-        """Largest step (s) by which the log's clock was set back; 0 if none, or if the rows are in another order."""
-        found = [0.0]
+    def set_back(self) -> tuple[float, bool]:
+        """How the log's clock was set back.
+
+        Returns:
+            The largest step (s); 0 if there is none, or if the rows are in another order. And whether some rows before
+            and after a step have the same times.
+        """
+        found, is_mixed = [0.0], False
         for rows in self._positions.values():
-            back_s = -np.diff(np.frombuffer(rows, dtype=float)[::3])
-            back_s = back_s[back_s > _BACK_S]
-            found += back_s.tolist() if len(back_s) <= _MOST_BACK else []
-        return max(found)
+            times = np.frombuffer(rows, dtype=float)[::3]
+            is_back = np.diff(times) < -_BACK_S
+            if is_back.sum() <= _MOST_BACK:
+                found += (-np.diff(times)[is_back]).tolist()
+                order = np.argsort(times, kind="stable")
+                part, apart_s = np.append(0, np.cumsum(is_back))[order], np.diff(times[order])
+                is_mixed |= bool(((np.diff(part) != 0) & (apart_s <= _BACK_S)).any())
+        return max(found), is_mixed
 
     @property
     def pressures(self) -> dict[str, Array]:

@@ -250,6 +250,17 @@ def test_a_clock_that_is_set_back_in_a_log_is_reported(tmp_path, write):
     assert "- question: its clock was set back by 49 s, so parts of the log have the same times" in lines
 
 
+@pytest.mark.parametrize("write", [telemetry, nmea])
+def test_parts_whose_times_do_not_overlap_are_not_called_mixed(tmp_path, write):
+    rows = survey()[:400]
+    rows[:200, 0] += 3600.0  # the end of summer time
+    data = write(rows)
+    (tmp_path / "a.log").write_bytes(data.encode() if isinstance(data, str) else data)
+    lines = "\n".join(gather([tmp_path / "a.log"], UserFacts()).lines)
+    assert "- question: its clock was set back by 3,599 s: the times before or after it may be wrong" in lines
+    assert "mixed" not in lines
+
+
 def test_a_log_without_a_sounding_at_a_usable_position_is_refused(tmp_path):
     """The gate has nothing to begin with then."""
     data = "lat,lon,depth\n10,20,\n10,20.001,\n" + "".join(f"46.5,6.6{n:02d},5.{n:02d}\n" for n in range(40))
