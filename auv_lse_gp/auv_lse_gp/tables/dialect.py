@@ -173,7 +173,7 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
     elif names := [row for row in map(without_blanks, comments) if len(row) == width and not any(map(is_number, row))]:
         has_units = len(names) > 1 and len(set(names[-1])) < width  # such as deg, deg, m
         header, units = tuple(names[-1 - has_units]), tuple(names[-1]) if has_units else ()
-    header = tuple(without_blanks([*header]))
+    header = tuple(_with_whole_brackets(without_blanks([*header]), delimiter, width))
     cells = [cell for row in values for cell in row]
     commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell) and is_number(cell))
     points = sum(1 for cell in cells if cell.count(".") == 1 and cell.rfind(",") < cell.find(".") and is_number(cell))
@@ -187,6 +187,18 @@ def _with_header(delimiter: str, rows: list[list[str]], comments: list[list[str]
         width=width,
         sample=values,
     )
+
+
+def _with_whole_brackets(names: list[str], delimiter: str, width: int) -> list[str]:
+    """The names of more columns than rows have, with those put together between which a bracket is open."""
+    joined = list[str]()
+    for number, name in enumerate(names):
+        left = len(joined) + len(names) - number  # names if no more are put together
+        if left > width and joined and joined[-1].count("(") > joined[-1].count(")"):
+            joined[-1] += f"{delimiter} {name}"
+        else:
+            joined.append(name)
+    return joined
 
 
 def rows_across(text: str, dialect: Dialect) -> list[list[str]]:
