@@ -23,6 +23,8 @@ from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 
 Patterns = dict[str, dict[str, Any]]
 
+#: An origin farther than this (m) from an area is that of another lake.
+_OTHER_LAKE_M = 100_000.0
 #: How to name the features of a file; ends messages about features that are not understood.
 NAMING = "Name a polygon 'no-go ...' if vehicles must stay out, 'shore ...' if it is a shore, or remove it"
 
@@ -57,7 +59,13 @@ AreaReader = Callable[[Path], AreaContent]
 
 
 def in_metres(
-    patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: str, read_area: AreaReader | None = None
+    patterns: Mapping[str, Mapping[str, Any]],
+    folder: Path,
+    where: str,
+    read_area: AreaReader | None = None,
+    *,
+    origin_on_top: Mapping[str, Any] | None = None,
+    may_replace_origin: bool = False,
 ) -> Patterns:
     """Converts `area.file` and everything in degrees of a mission file to metres.
 
@@ -68,6 +76,8 @@ def in_metres(
         patterns: Nested parameters by node pattern.
         folder: Folder that a relative `area.file` is in.
         read_area: Reads `area.file`; None: such a file is refused.
+        origin_on_top: `origin_lat_deg` and `origin_lon_deg` that replace those of the section `area`.
+        may_replace_origin: Whether an origin far from the area is replaced.
 
     Raises:
         ParameterError: naming the key and what is wrong with it.
@@ -75,6 +85,7 @@ def in_metres(
     converted = {pattern: _copied(values) for pattern, values in patterns.items()}
     areas = [values["area"] for values in converted.values() if isinstance(values.get("area"), dict)]
     area = next((a for a in areas if {"file", "polygon_deg", "no_go_deg"} & set(a)), areas[0] if areas else {})
+    area.update(origin_on_top or {})
     file = f"{where}: area.file: {area['file']}" if area.get("file") else ""
     content = _content_of(area, folder, where, read_area)
     own = [values["vehicle"] for values in converted.values() if isinstance(values.get("vehicle"), dict)]
@@ -85,7 +96,7 @@ def in_metres(
             f"{where}: area: no polygon is the operating area. Name one 'area' (not 'no-go', 'island' or 'exclusion'), "
             "or give area.polygon_m"
         )
-    origin = _origin(area, content, where)
+    origin = _origin(area, content, where, may_replace_origin)
     for vehicle in own:
         for name in ("start", "recovery"):
             if f"{name}_deg" in vehicle:
@@ -114,8 +125,15 @@ def in_metres(
     return _under(converted, content, origin)
 
 
-def with_area_file(patterns: Mapping[str, Mapping[str, Any]], file: str, read_area: AreaReader | None) -> Patterns:
-    """Replaces area, no-go areas and origin in a mission file's parameters with those of an area file.
+def with_area_file(
+    patterns: Mapping[str, Mapping[str, Any]],
+    file: str,
+    read_area: AreaReader | None,
+    origin_on_top: Mapping[str, Any] | None = None,
+) -> Patterns:
+    """Replaces area and no-go areas in a mission file's parameters with those of an area file.
+
+    Its origin stays, because starts and `gp.survey_file` count from there, unless the area is on another lake.
 
     Raises:
         ParameterError: as `in_metres`.
@@ -123,11 +141,12 @@ def with_area_file(patterns: Mapping[str, Mapping[str, Any]], file: str, read_ar
     replaced = {pattern: nest(values) for pattern, values in patterns.items()}
     for values in replaced.values():
         if isinstance(values.get("area"), Mapping):
-            replaceable = ("polygon_m", "no_go", "shore", "shore_depth_m", "origin_lat_deg", "origin_lon_deg")
+            replaceable = ("polygon_m", "no_go", "shore", "shore_depth_m")
             values["area"] = {k: v for k, v in values["area"].items() if k not in replaceable}
     values = replaced.setdefault("/**", {})
     values["area"] = {**values.get("area", {}), "file": file}
-    return in_metres(replaced, Path(), "--area", read_area)
+    may_replace = not origin_on_top
+    return in_metres(replaced, Path(), "--area", read_area, origin_on_top=origin_on_top, may_replace_origin=may_replace)
 
 
 def _copied(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -204,12 +223,16 @@ def _content_of(area: dict[str, Any], folder: Path, where: str, read_area: AreaR
     return content
 
 
-def _origin(area: Mapping[str, Any], content: AreaContent | None, where: str) -> tuple[float, float]:
+def _origin(area: Mapping[str, Any], content: AreaContent | None, where: str, may_replace: bool) -> tuple[float, float]:
     """Latitude and longitude (deg) of north = east = 0."""
     origin = area.get("origin_lat_deg"), area.get("origin_lon_deg")
     if isinstance(origin[0], int | float) and isinstance(origin[1], int | float):
         position = _numbers(origin, f"{where}: area.origin_lat_deg, origin_lon_deg")
-        return float(position[0, 0]), float(position[0, 1])
+        given = float(position[0, 0]), float(position[0, 1])
+        if not may_replace or content is None or content.area is None:
+            return given
+        if np.hypot(*local_from_geodetic(content.area[0, 0], content.area[0, 1], *given)) <= _OTHER_LAKE_M:
+            return given
     if content is None or content.area is None:
         raise ParameterError(
             f"{where}: positions in degrees need area.origin_lat_deg and area.origin_lon_deg, which are "

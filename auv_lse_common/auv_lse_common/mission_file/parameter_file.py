@@ -14,20 +14,24 @@ from auv_lse_common.support.user_error import brief
 
 
 def read_parameter_file(
-    path: str | Path, read_area: AreaReader | None = None, is_recorded: bool = False
+    path: str | Path,
+    read_area: AreaReader | None = None,
+    is_recorded: bool = False,
+    origin_on_top: Mapping[str, Any] | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; all is in metres.
 
     Args:
         read_area: Reads the file that `area.file` names; None: such a file is refused.
         is_recorded: Whether it is the file of a run, which an earlier version may have written: see `parse_yaml`.
+        origin_on_top: As in `in_metres`.
 
     Raises:
         ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
     """
     path = Path(path)
     patterns = parse_parameters(_read_text(path), str(path), is_recorded)
-    return in_metres(patterns, path.parent, str(path), read_area)
+    return in_metres(patterns, path.parent, str(path), read_area, origin_on_top=origin_on_top)
 
 
 def parse_parameters(text: str, where: str, is_recorded: bool = False) -> dict[str, dict[str, Any]]:

@@ -77,10 +77,13 @@ class Settings(TeamSections):
         Raises:
             ParameterError: naming the key, the value, what was expected and the file.
         """
-        patterns: Patterns = read_parameter_file(path, read_area) if path is not None else {"/**": {}}
+        origin = origin_of(overrides or {})
+        patterns: Patterns = {"/**": {}}
+        if path is not None:
+            patterns = read_parameter_file(path, read_area, origin_on_top=origin)
         if overrides and "area.file" in overrides:
             overrides = dict(overrides)
-            patterns = with_area_file(patterns, str(overrides.pop("area.file")), read_area)
+            patterns = with_area_file(patterns, str(overrides.pop("area.file")), read_area, origin)
         return cls.from_patterns(patterns, str(path) if path is not None else "defaults", overrides)
 
     @classmethod
@@ -303,6 +306,12 @@ def overridden(
         if pattern in _ALL_NODES or (number is not None and _vehicle_of(pattern) == number):
             result = merge(result, values)
     return result
+
+
+def origin_of(overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """The origin among overrides: degrees are converted about it."""
+    area = _nested(overrides).get("area")
+    return {k: v for k, v in area.items() if k.startswith("origin_")} if isinstance(area, Mapping) else {}
 
 
 def _nested(overrides: Mapping[str, Any]) -> dict[str, Any]:

@@ -33,6 +33,14 @@ def test_mission_file_gives_positions_in_degrees(tmp_path):
     assert settings.vehicle(1).vehicle.start_north_m == 0.0
 
 
+def test_degrees_are_converted_about_an_origin_on_top_of_the_file(tmp_path):
+    polygon = "polygon_deg: [47.3, 8.5, 47.305, 8.5, 47.305, 8.508]"
+    text = f"/**:\n  ros__parameters:\n    area: {{origin_lat_deg: 47.3, origin_lon_deg: 8.5, {polygon}}}\n"
+    settings = Settings.load(mission(tmp_path, text), {"area.origin_lat_deg": 47.299})
+    assert settings.area.origin_lat_deg == 47.299
+    assert settings.area.polygon_m[:2] == pytest.approx((111.2, 0.0), abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("area", "expected"),
     [

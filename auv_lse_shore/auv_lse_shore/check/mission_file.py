@@ -22,7 +22,15 @@ from auv_lse_common.mission_file.sections.table import (
     check_sections,
 )
 from auv_lse_common.mission_file.sections.vehicle import with_depth
-from auv_lse_common.mission_file.settings import Patterns, Settings, beyond_team, by_pattern, check_pattern, overridden
+from auv_lse_common.mission_file.settings import (
+    Patterns,
+    Settings,
+    beyond_team,
+    by_pattern,
+    check_pattern,
+    origin_of,
+    overridden,
+)
 from auv_lse_shore.check.findings import Findings
 
 _MOST_VEHICLES: int = {f.name: f for f in dataclasses.fields(MissionConfig)}["vehicles"].metadata["high"]
@@ -50,9 +58,10 @@ def check_file(
     Raises:
         ParameterError: if the file is missing, or not a ROS 2 parameter file, or its area file cannot be used.
     """
-    patterns = read_parameter_file(path, read_area)
+    origin = origin_of(overrides or {})
+    patterns = read_parameter_file(path, read_area, origin_on_top=origin)
     if area_file is not None:
-        patterns = with_area_file(patterns, str(area_file), read_area)
+        patterns = with_area_file(patterns, str(area_file), read_area, origin)
     usable, owners = _usable_values(patterns, str(path), findings, overrides or {})
     on_top = by_pattern(overrides or {})
     settings = _settings(usable, owners, on_top, str(path), findings)

@@ -13,6 +13,8 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.input_bounds import MAX_CORNERS
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.areas.area_file import read_area
+from auv_lse_shore.check.findings import Findings
+from auv_lse_shore.check.mission_file import check_file
 
 LAKE = [[8.500, 47.300], [8.508, 47.300], [8.508, 47.305], [8.500, 47.305]]
 ISLAND = [[8.503, 47.302], [8.504, 47.302], [8.504, 47.303]]
@@ -121,6 +123,28 @@ def test_a_line_named_shore_is_the_shore(tmp_path, name, text):
     assert found.area.shore_depth_m == 0.0
     np.testing.assert_allclose(corners[:, 0], min(found.area.polygon_m[::2]), atol=0.02)
     np.testing.assert_allclose(np.ptp(corners[:, 1]), np.ptp(found.area.polygon_m[1::2]), atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("origin", "on_top", "expected"),
+    [
+        ((47.29, 8.49), {}, (47.29, 8.49)),  # starts and gp.survey_file count from there
+        ((46.0, 6.0), {}, (47.3025, 8.504)),  # another lake's
+        ((47.29, 8.49), {"area.origin_lat_deg": 47.28}, (47.28, 8.49)),
+    ],
+)
+def test_an_area_file_keeps_the_missions_origin(tmp_path, origin, on_top, expected):
+    (tmp_path / "lake.geojson").write_text(geojson(feature("lake", "Polygon", [LAKE])))
+    path = tmp_path / "mission.yaml"
+    path.write_text(
+        f"/**:\n  ros__parameters:\n    area: {{origin_lat_deg: {origin[0]}, origin_lon_deg: {origin[1]}}}\n"
+    )
+    area = Settings.load(path, {"area.file": str(tmp_path / "lake.geojson"), **on_top}, read_area).area
+    assert (area.origin_lat_deg, area.origin_lon_deg) == pytest.approx(expected, abs=1e-3)
+    checked = check_file(path, Findings(), read_area, tmp_path / "lake.geojson", on_top).area
+    assert checked == area
+    north, east = local_from_geodetic(LAKE[0][1], LAKE[0][0], area.origin_lat_deg, area.origin_lon_deg)
+    assert area.polygon_m[:2] == pytest.approx((float(north), float(east)), abs=0.02)
 
 
 def test_a_polygon_may_be_the_shore(tmp_path):
