@@ -86,9 +86,15 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     origin = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
     # 1e-5 deg is about a metre: origins computed from soundings are no more accurate than that.
     if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
+        texts = [f"{lat:.5f}, {lon:.5f} deg" for lat, lon in (asked, origin)]
+        if prior := ", ".join(sorted({own.gp.mean for own in settings.vehicles} - {"constant"})):
+            raise GroundError(
+                f"area.origin is {texts[0]}, from which the prior (gp.mean: {prior}) counts, and the ground's is "
+                f"{texts[1]}. Remove the columns in metres from its file: lat and lon then count from area.origin"
+            )
         notes.append(
-            f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by the origin of the ground, "
-            f"{origin[0]:.5f}, {origin[1]:.5f} deg; area, starts and recovery positions are converted"
+            f"origin: area.origin {texts[0]} is replaced by the origin of the ground, {texts[1]}; area, starts and "
+            "recovery positions are converted"
         )
     limit = max(own.vehicle.depth_m + own.vehicle.min_water_m for own in settings.vehicles)
     raster = rasterize(settings.area, ground, limit)

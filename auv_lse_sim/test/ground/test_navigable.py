@@ -302,6 +302,15 @@ def test_a_rugged_shore_has_fewer_corners():
     assert 0 < sum(map(len, found.values())) <= 2 * MAX_CORNERS
 
 
+@pytest.mark.parametrize("prior", [{"gp.mean": "survey", "gp.survey_file": "a.csv"}, {"gp.mean": "plane"}])
+def test_a_prior_does_not_move_with_the_origin_and_is_refused(prior):
+    axis = np.arange(-50.0, 551.0, 50.0)
+    terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
+    with pytest.raises(GroundError, match=r"47\.00090.*gp.mean: (survey|plane)\) counts, .*47\.00000.*lat and lon"):
+        fit_to_ground(settings(**{"area.origin_lat_deg": 47.0009, "area.origin_lon_deg": 8.0, **prior}), terrain)
+    fit_to_ground(settings(**{"area.origin_lat_deg": 47.0, "area.origin_lon_deg": 8.0, **prior}), terrain)
+
+
 def test_the_shore_moves_with_the_origin():
     axis = np.arange(-50.0, 551.0, 50.0)
     terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
