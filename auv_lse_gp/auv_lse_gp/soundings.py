@@ -120,6 +120,16 @@ def read_soundings_and_origin(path: Path, notes: list[str] | None = None) -> tup
     ), positions.origin if positions.from_degrees else None
 
 
+def origin_of_metres(path: Path) -> tuple[float, float] | None:
+    """WGS84 latitude and longitude (deg) from which the metres of a table with lat, lon count; None if unknown.
+
+    Raises:
+        OSError: if the file cannot be read.
+        TableError: if it is not a table of soundings.
+    """
+    return None if path.suffix == ".npz" else local_positions(read_table(path)).origin
+
+
 def check_together(where: Callable[[int], str], north: Array, east: Array) -> None:
     """Checks that no sounding lies absurdly far from the others.
 

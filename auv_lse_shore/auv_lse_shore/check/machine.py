@@ -1,18 +1,46 @@
 """Checks the computer of a vehicle: its devices, files and packages."""
 
+import math
 import os
 import stat
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError, is_given
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import SHARED
 from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_common.support.missing_packages import COMMANDS, is_installed
+from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_comms.settings import check_send_duration
+from auv_lse_gp.soundings import origin_of_metres
+from auv_lse_gp.tables.table_error import TableError
 from auv_lse_record.guard import free_mb
 from auv_lse_record.size_estimate import lack_of_space, size_of
 from auv_lse_shore.check.findings import Findings
+
+#: Origins computed from a table's lat and lon are no more accurate than this (m).
+_SAME_ORIGIN_M = 2.0
+
+
+def survey_problem(file: str, area: AreaConfig) -> str:
+    """Why a prior survey cannot be used in an area; "" if it can, or if another check names the reason."""
+    path, lat_deg, lon_deg = Path(file), area.origin_lat_deg, area.origin_lon_deg
+    if not path.is_file():
+        return f"{file!r} does not exist on this machine"
+    try:
+        origin = origin_of_metres(path)
+    except (OSError, TableError):
+        return ""
+    if origin is None or lat_deg is None or lon_deg is None:
+        return ""
+    apart_m = math.hypot(*local_from_geodetic(*origin, lat_deg, lon_deg))
+    if apart_m <= _SAME_ORIGIN_M:
+        return ""
+    return (
+        f"the metres of {file!r} count from {origin[0]:.6f}, {origin[1]:.6f} deg, {apart_m:.0f} m from the mission's "
+        f"origin {lat_deg:.6f}, {lon_deg:.6f}. Set area.origin_lat_deg and area.origin_lon_deg to the first"
+    )
 
 
 def check_files(settings: Settings, number: int | None, findings: Findings) -> None:
@@ -21,18 +49,18 @@ def check_files(settings: Settings, number: int | None, findings: Findings) -> N
     Args:
         number: The vehicle of this machine; None: every vehicle's files are checked.
     """
-    missing = {}
+    wrong = {}
     for k, own in enumerate(settings.vehicles, 1):
         file = own.gp.survey_file
         if number not in (None, k) or findings.is_refused("gp.survey_file", k):
             continue
-        if file and not Path(file).is_file():
-            missing[k] = file
-    if len(missing) == len(settings.vehicles) and len(set(missing.values())) == 1:
-        findings.error(f"gp.survey_file: {missing[1]!r} does not exist on this machine")
+        if file and (problem := survey_problem(file, settings.area)):
+            wrong[k] = problem
+    if len(wrong) == len(settings.vehicles) and len(set(wrong.values())) == 1:
+        findings.error(f"gp.survey_file: {wrong[1]}")
     else:
-        for k, file in missing.items():
-            findings.error(f"auv{k}: gp.survey_file: {file!r} does not exist on this machine")
+        for k, problem in wrong.items():
+            findings.error(f"auv{k}: gp.survey_file: {problem}")
     file = settings.sim.bathymetry.file
     if file and not Path(file).is_file():
         findings.refuse("sim.bathymetry", f"sim.bathymetry.file: {file!r} does not exist on this machine")

@@ -21,8 +21,10 @@ from auv_lse_common.mission_file.methods import METHODS
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_run.process import fork_server
 from auv_lse_run.process.domain import node_environment
+from auv_lse_shore.check.command import check
 from auv_lse_shore.mission import mission, sim
 from auv_lse_shore.mission.vehicle_file import vehicle_file
 from auv_lse_shore.mission_options import overrides_of, parser
@@ -121,6 +123,31 @@ def test_a_survey_file_that_is_missing_is_named_before_the_start(tmp_path):
     given = ["--set", "gp.mean=survey", "--set", f"gp.survey_file={tmp_path / 'no.csv'}"]
     with pytest.raises(ParameterError, match=r"gp\.survey_file: '.*no\.csv' does not exist on this machine"):
         mission.prepare(parser().parse_args(given))
+
+
+def test_a_survey_whose_metres_count_from_another_origin_is_refused_before_the_start(tmp_path):
+    north, east = (axis.ravel() for axis in np.meshgrid([0.0, 50.0, 100.0], [0.0, 50.0, 100.0]))
+    lat, lon = geodetic_from_local(north, east, 46.5, 6.6)
+    rows = np.column_stack([north, east, 12.0 + north / 50.0, lat, lon])
+    np.savetxt(tmp_path / "a.csv", rows, "%.8f", ",", header="north_m,east_m,depth_m,lat,lon", comments="")
+    survey = ["--set", "gp.mean=survey", "--set", f"gp.survey_file={tmp_path / 'a.csv'}"]
+    for lat_deg, message in (
+        (46.501, r"a\.csv' count from 46\.500000, 6\.600000 deg, 111 m from the mission's"),
+        (46.5, ""),
+    ):
+        origin = ["--set", f"area.origin_lat_deg={lat_deg}", "--set", "area.origin_lon_deg=6.6"]
+        options = parser().parse_args([*survey, *origin])
+        if message:
+            with pytest.raises(ParameterError, match=message):
+                mission.prepare(options)
+        else:
+            mission.prepare(options)
+    path = tmp_path / "mission.yaml"
+    path.write_text(
+        f"/**:\n  ros__parameters:\n    gp: {{mean: survey, survey_file: {tmp_path / 'a.csv'}}}\n"
+        "    area: {origin_lat_deg: 46.501, origin_lon_deg: 6.6}\n"
+    )
+    assert any("111 m from the mission's" in text for kind, text in check(path).rows if kind == "error")
 
 
 def test_mission_files_appear_whole_because_vehicles_are_started_as_soon_as_they_exist(
