@@ -98,14 +98,7 @@ def in_metres(
         )
     origin = _origin(area, content, where, may_replace_origin)
     for vehicle in own:
-        for name in ("start", "recovery"):
-            if f"{name}_deg" in vehicle:
-                position = _numbers(vehicle.pop(f"{name}_deg"), f"{where}: vehicle.{name}_deg")
-                if len(position) != 1:
-                    raise ParameterError(
-                        f"{where}: vehicle.{name}_deg has {len(position)} positions; give one latitude and longitude"
-                    )
-                vehicle.update(_metres(name, (position[0, 0], position[0, 1]), origin))
+        _convert_positions(vehicle, origin, where)
     if content is None:
         return converted
     area["origin_lat_deg"], area["origin_lon_deg"] = origin
@@ -123,6 +116,18 @@ def in_metres(
         lines = {f"shore_{number}": _flat(line, origin) for number, line in enumerate(content.shores, 1)}
         area["shore"] = {**lines, **(area.get("shore") or {})}
     return _under(converted, content, origin)
+
+
+def _convert_positions(vehicle: dict[str, Any], origin: tuple[float, float], where: str) -> None:
+    """Converts the start and the recovery position of a section `vehicle` to metres."""
+    for name in ("start", "recovery"):
+        if f"{name}_deg" in vehicle:
+            position = _numbers(vehicle.pop(f"{name}_deg"), f"{where}: vehicle.{name}_deg")
+            if len(position) != 1:
+                raise ParameterError(
+                    f"{where}: vehicle.{name}_deg has {len(position)} positions; give one latitude and longitude"
+                )
+            vehicle.update(_metres(name, (position[0, 0], position[0, 1]), origin))
 
 
 def with_area_file(
