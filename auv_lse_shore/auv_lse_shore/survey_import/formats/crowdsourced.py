@@ -3,22 +3,19 @@
 import json
 import math
 import re
-import shlex
 from typing import Any
 
 import numpy as np
 
 from auv_lse_common.support.user_error import brief
-from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, LogContent, Reference, Sounder
+from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.stated_units import StatedUnits
 from auv_lse_shore.survey_import.parsing.times import datetimes
+from auv_lse_shore.survey_import.parsing.vertical_reference import vertical_reference
 from auv_lse_shore.survey_import.survey_log import LogError
 
 _FEATURES = re.compile(r'"features"\s*:\s*\[')
-_VERTICAL = re.compile(r'"verticalReferenceOfDepth"\s*:\s*"(\w+)"')
-#: A step of processing that reduced the depths to a datum, and the datum.
-_REDUCTION, _DATUM = re.compile(r'\{[^{}]*"VerticalReduction"[^{}]*\}'), re.compile(r'"datum"\s*:\s*"([^"]{1,60})"')
 _SKIP = re.compile(r"[\s,]*")
 #: Features between two reports of progress.
 _PIECE = 20_000
@@ -109,19 +106,7 @@ def _fill(content: LogContent, stamps: list[str], rows: np.ndarray[Any, Any], ab
         content.position_std_m = np.abs(rows[order][:, [4, 3]])
         content.depth_std_m = float(np.abs(rows[:, 5]).max())
     content.add_positions("features", np.column_stack([times, rows[:, :2]]))
-    stated = _VERTICAL.search(about)
-    is_below_transducer = stated is not None and stated[1] == "Transducer"
-    content.sounders["depth"] = Sounder(reference=Reference.TRANSDUCER if is_below_transducer else Reference.SURFACE)
-    reduction = _REDUCTION.search(about)
-    if reduction and (datum := _DATUM.search(reduction[0])):
-        content.questions.append(
-            f"depths are reduced to {datum[1]}: auv_lse export --datum {shlex.quote(datum[1])} keeps it"
-        )
-    elif stated and stated[1] == "Unknown":
-        content.questions.append(
-            "the file leaves open what its depths are measured from: the surface is assumed; --draught adds a "
-            "transducer's depth"
-        )
+    content.sounders["depth"] = Sounder(reference=vertical_reference(about, content))
     content.add_depths("depth", np.column_stack([times, content.downward(rows[:, 2]), np.full(len(rows), _NAN)]))
     if convention := re.search(r'"convention"\s*:\s*"([^"]{1,40})"', about):
         content.notes.append(f"convention {convention[1]}")

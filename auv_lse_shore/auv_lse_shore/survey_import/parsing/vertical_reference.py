@@ -1,0 +1,29 @@
+"""The vertical reference that crowdsourced bathymetry states for its depths."""
+
+import re
+import shlex
+
+from auv_lse_shore.survey_import.log_content import LogContent, Reference
+
+_STATED = re.compile(r'"verticalReferenceOfDepth"\s*:\s*"(\w+)"')
+#: A step of processing that reduced the depths to a datum, and the datum.
+_REDUCTION, _DATUM = re.compile(r'\{[^{}]*"VerticalReduction"[^{}]*\}'), re.compile(r'"datum"\s*:\s*"([^"]{1,60})"')
+
+
+def vertical_reference(about: str, content: LogContent) -> Reference:
+    """The reference of the depths; a question about one that is unknown, or a datum, goes into `content`.
+
+    Args:
+        about: The file's text without its features.
+    """
+    stated, reduction = _STATED.search(about), _REDUCTION.search(about)
+    if reduction and (datum := _DATUM.search(reduction[0])):
+        content.questions.append(
+            f"depths are reduced to {datum[1]}: auv_lse export --datum {shlex.quote(datum[1])} keeps it"
+        )
+    elif stated and stated[1] == "Unknown":
+        content.questions.append(
+            "the file leaves open what its depths are measured from: the surface is assumed; --draught adds a "
+            "transducer's depth"
+        )
+    return Reference.TRANSDUCER if stated and stated[1] == "Transducer" else Reference.SURFACE
