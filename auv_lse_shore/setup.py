@@ -44,7 +44,7 @@ setup(
         "jinja2",
         "matplotlib",
         "numpy>=1.26",
-        "pyarrow<26",  # 26 needs NumPy 2, which its metadata do not say
+        "pyarrow<26",  # 26 needs NumPy 2, which its metadata do not declare
         "pyproj",
         "pyyaml",
         "rich",

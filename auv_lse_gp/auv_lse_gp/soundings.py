@@ -15,14 +15,10 @@ from numpy.typing import NDArray
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
-from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
+from auv_lse_common.vocabulary.frames import FAR_M, geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.no_data import fill_values, is_no_data
 from auv_lse_gp.soundings_table import SoundingsTable, read_table
 from auv_lse_gp.tables.table_error import TableError
-
-#: If all positions are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong
-#: origin).
-FAR_M = 100_000.0
 
 #: Distance (m) from the middle of a survey beyond which a position is wrong.
 _APART_M = 1_000_000.0
@@ -127,7 +123,10 @@ def origin_of_metres(path: Path) -> tuple[float, float] | None:
         OSError: if the file cannot be read.
         TableError: if it is not a table of soundings.
     """
-    return None if path.suffix == ".npz" else local_positions(read_table(path)).origin
+    if path.suffix == ".npz":
+        return None
+    positions = local_positions(read_table(path))
+    return None if positions.from_degrees else positions.origin
 
 
 def check_together(where: Callable[[int], str], north: Array, east: Array) -> None:

@@ -7,6 +7,7 @@ copied to a new file with an index. The damaged file is kept as `.torn`; after a
 import argparse
 import itertools
 import mmap
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -84,22 +85,27 @@ def _without_index(recording: Path, files: list[Path]) -> Recovered:
     Raises:
         RecordingError: if the recording is complete, or several files need the index.
     """
+    with Recording(files[0]) as whole:
+        messages = sum(topic.count for topic in whole.topics.values())
+    index = recording / _METADATA
     try:
         with Recording(recording):
-            pass
+            raise _Complete(f"{recording} is complete; nothing to recover")
+    except _Complete:
+        raise
     except RecordingError as error:
         if not recording.is_dir():
             raise
         if len(files) > 1:
-            text = (
-                f"{recording / _METADATA} is damaged, and its {len(files)} files need it: ros2 bag reindex {recording}"
-            )
-            raise RecordingError(text) from error
-    else:
-        raise _Complete(f"{recording} is complete; nothing to recover")
-    with Recording(files[0]) as whole:
-        messages = sum(topic.count for topic in whole.topics.values())
-    return Recovered(file=files[0], kept=_put_aside(recording / _METADATA), messages=messages, lost_bytes=0)
+            cure = f"its {len(files)} files need it: ros2 bag reindex {shlex.quote(str(recording))}"
+            raise RecordingError(f"{index} is damaged, and {cure}") from error
+    try:
+        return Recovered(file=files[0], kept=_put_aside(index), messages=messages, lost_bytes=0)
+    except OSError as error:
+        raise RecordingError(
+            f"{index} is damaged, and cannot be renamed: {error.strerror or error}. Copy the run folder to another "
+            "disk and recover it there"
+        ) from error
 
 
 def _put_aside(file: Path) -> Path:

@@ -19,12 +19,10 @@ from auv_lse_common.mission_file.parameters import ParameterError, nest
 from auv_lse_common.mission_file.sections.area import corners
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_CORNERS
-from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
+from auv_lse_common.vocabulary.frames import FAR_M, local_from_geodetic, unwrapped_deg
 
 Patterns = dict[str, dict[str, Any]]
 
-#: An origin farther than this (m) from an area is that of another lake.
-_OTHER_LAKE_M = 100_000.0
 #: How to name the features of a file; ends messages about features that are not understood.
 NAMING = "Name a polygon 'no-go ...' if vehicles must stay out, 'shore ...' if it is a shore, or remove it"
 
@@ -236,7 +234,7 @@ def _origin(area: Mapping[str, Any], content: AreaContent | None, where: str, ma
         given = float(position[0, 0]), float(position[0, 1])
         if not may_replace or content is None or content.area is None:
             return given
-        if np.hypot(*local_from_geodetic(content.area[0, 0], content.area[0, 1], *given)) <= _OTHER_LAKE_M:
+        if np.hypot(*local_from_geodetic(content.area[0, 0], content.area[0, 1], *given)) <= FAR_M:
             return given
     if content is None or content.area is None:
         raise ParameterError(

@@ -87,8 +87,6 @@ def _read_text(path: Path) -> str:
     try:
         if too_large := over_size(path, MAX_YAML_BYTES):
             raise ParameterError(f"{too_large}. Is this a mission file?")
-        if path.is_fifo():
-            raise ParameterError(f"{path} is a pipe, and this file is read more than once. Save it to a file first")
         data = path.read_bytes()
         return data.decode(encoding_of(data))
     except OSError as error:

@@ -298,9 +298,10 @@ def _allowed(hint: Any, field: dataclasses.Field[Any]) -> str:
         element = _TYPE_NAMES[typing.get_args(hint)[0]]
         text = f"a list of {element.removeprefix('a ')}s"
     else:
-        text = _TYPE_NAMES.get(
-            hint, f"a {getattr(hint, '__name__', '')}" if dataclasses.is_dataclass(hint) else "a mapping of names"
-        )
+        if hint not in _TYPE_NAMES:
+            is_object = isinstance(hint, type) and dataclasses.is_dataclass(hint)
+            return f"an object of the class {hint.__name__}" if is_object else "a mapping of names"
+        text = _TYPE_NAMES[hint]
     limits, unit = _limits(meta), meta.get("unit") or ""
     words = (text, "from" if " to " in limits else "in" if unit and not limits else "", limits, unit)
     return " ".join(word for word in words if word)
@@ -329,7 +330,7 @@ def _has_type(hint: Any, value: Any) -> bool:
         return is_list and all(_has_type(typing.get_args(hint)[0], v) for v in value)
     if hint in (int, float):
         return isinstance(value, numbers.Integral if hint is int else numbers.Real) and not isinstance(value, bool)
-    return isinstance(value, hint)
+    return isinstance(value, hint) or (hint is bool and getattr(value, "dtype", None) == "bool")
 
 
 def _convert(hint: Any, value: Any, key: str, field: dataclasses.Field[Any]) -> Any:

@@ -35,7 +35,7 @@ def over_size(path: Path, most_bytes: int) -> str:
     """
     status = path.stat()
     if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
-        raise OSError(errno.EINVAL, "it is a device and not a file", str(path))
+        raise OSError(errno.EINVAL, "it is a device; name a file", str(path))
     size = status.st_size
     return (
         f"{path} is too large: {size / 1e6:,.0f} MB, at most {most_bytes / 1e6:,.0f} MB are read"

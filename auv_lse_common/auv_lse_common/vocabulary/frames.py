@@ -14,6 +14,8 @@ from auv_lse_common.support.arrays import Array
 
 #: Largest plausible distance (m) from the map's origin, north or east.
 FARTHEST_M = 1e6
+#: What lies farther than this (m) from a local origin has another one: it is UTM, a wrong origin, or another lake.
+FAR_M = 100_000.0
 
 
 def wrap_pi(angle_rad: Any) -> Any:

@@ -194,7 +194,7 @@ def _with_whole_brackets(names: list[str], delimiter: str, width: int) -> list[s
     joined = list[str]()
     for number, name in enumerate(names):
         left = len(joined) + len(names) - number  # names if no more are put together
-        if left > width and joined and joined[-1].count("(") > joined[-1].count(")"):
+        if left > width and joined and sum(map(joined[-1].count, "([{")) > sum(map(joined[-1].count, ")]}")):
             joined[-1] += f"{delimiter} {name}"
         else:
             joined.append(name)

@@ -406,14 +406,16 @@ def own_records(paths: Iterable[Path], domain: int) -> Iterator[None]:
         DomainError: if a dive that runs now has one of them.
     """
     with contextlib.ExitStack() as stack:
-        for path in paths:
-            key = hashlib.sha256(os.path.realpath(path).encode()).hexdigest()[:16]
+        for path in dict.fromkeys(map(os.path.realpath, paths)):  # a copy may be the record itself
+            key = hashlib.sha256(path.encode()).hexdigest()[:16]
             lock = lock_file(0).with_name(f"auv_lse_record_{key}.lock")
             if not stack.enter_context(_locked(lock)) and _is_held(lock):
-                user = lock.read_text() if os.access(lock, os.R_OK) else "of another user"
+                user = "of another user"
+                with contextlib.suppress(OSError):
+                    user = lock.read_text()
                 raise DomainError(
-                    f"{path} is the record of a dive that runs now {user}. End it first, or choose another folder with "
-                    "--out, and for second copies with safety.state_copies"
+                    f"{path} belongs to a running dive {user}. End it first, or choose another folder with --out, and "
+                    "for second copies with safety.state_copies"
                 )
             with contextlib.suppress(OSError):
                 lock.write_text(f"in ROS domain {domain} (process {os.getpid()})")

@@ -260,6 +260,17 @@ def test_a_simulated_dive_leaves_nothing_in_memory(tmp_path: Path, mission: Path
     assert not any(copies_of(environment))
 
 
+def test_a_copy_that_is_the_record_itself_is_no_other_dive(tmp_path: Path, mission: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "one")
+    processes: Any = SimpleNamespace(simulated=False, vehicle=2)
+    record = DiveRecord(tmp_path / "one", 2, mission, copies=[tmp_path / "one", tmp_path / "link"])
+    with (
+        own_domain(VEHICLE_DOMAINS) as domain,
+        run_vehicle.begin_dive(processes, str(domain), mission, tmp_path / "a", record),
+    ):
+        assert (tmp_path / "one" / "auv2.dive").exists()
+
+
 @pytest.mark.parametrize("shared", ["copies", "record"])
 def test_two_dives_at_once_never_share_a_record(tmp_path: Path, mission: Path, shared: str) -> None:
     """In two domains: the second one replaced the first one's second copies, or its record."""
@@ -275,7 +286,7 @@ def test_two_dives_at_once_never_share_a_record(tmp_path: Path, mission: Path, s
         ]
         with dives[0]:
             kept = taken.read_bytes()
-            refused = rf"{taken} is the record of a dive that runs now in ROS domain {first} \(process {os.getpid()}\)"
+            refused = rf"{taken} belongs to a running dive in ROS domain {first} \(process {os.getpid()}\)"
             with pytest.raises(DomainError, match=refused), dives[1]:
                 pass
             assert taken.read_bytes() == kept

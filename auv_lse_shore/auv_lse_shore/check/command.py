@@ -5,7 +5,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.settings import Settings
@@ -107,7 +106,7 @@ def check(
     given = {} if options is None else {**ground_given(options), **settings_given(options.set)}
     if "area.file" in given:
         area_file = Path(given.pop("area.file"))
-    settings = check_file(path, findings, areas, area_file, given)
+    settings, patterns = check_file(path, findings, areas, area_file, given)
     check_vehicles([*given], settings.mission.vehicles)
     if options is not None:
         check_ground_options(options, settings)
@@ -125,7 +124,6 @@ def check(
         _check_until(settings.mission.until, findings)
     check_timing(settings, findings)
     check_recording(settings, number, findings)
-    patterns = read_parameter_file(path, areas)
     if number is not None:
         check_machine(settings, number, "sim" in patterns.get("/**", {}), findings)
     if number is None or number <= settings.mission.vehicles:

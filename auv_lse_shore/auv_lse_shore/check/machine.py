@@ -11,9 +11,10 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import SHARED
 from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_common.support.missing_packages import COMMANDS, is_installed
+from auv_lse_common.support.user_error import error_text
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_comms.settings import check_send_duration
-from auv_lse_gp.soundings import origin_of_metres
+from auv_lse_gp.soundings import origin_of_metres, read_soundings
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_record.guard import free_mb
 from auv_lse_record.size_estimate import lack_of_space, size_of
@@ -23,23 +24,30 @@ from auv_lse_shore.check.findings import Findings
 _SAME_ORIGIN_M = 2.0
 
 
-def survey_problem(file: str, area: AreaConfig) -> str:
-    """Why a prior survey cannot be used in an area; "" if it can, or if another check names the reason."""
+def survey_problem(file: str, area: AreaConfig, is_prior: bool = True) -> str:
+    """Why a survey cannot be the prior in an area; "" if it can.
+
+    Args:
+        is_prior: Whether `gp.mean` uses it; if not, it must only exist.
+    """
     path, lat_deg, lon_deg = Path(file), area.origin_lat_deg, area.origin_lon_deg
     if not path.is_file():
         return f"{file!r} does not exist on this machine"
-    try:
-        origin = origin_of_metres(path)
-    except (OSError, TableError):
+    if not is_prior:
         return ""
+    try:
+        read_soundings(path)
+        origin = origin_of_metres(path)
+    except (OSError, TableError) as error:
+        return error_text(error)
     if origin is None or lat_deg is None or lon_deg is None:
         return ""
     apart_m = math.hypot(*local_from_geodetic(*origin, lat_deg, lon_deg))
     if apart_m <= _SAME_ORIGIN_M:
         return ""
     return (
-        f"the metres of {file!r} count from {origin[0]:.6f}, {origin[1]:.6f} deg, {apart_m:.0f} m from the mission's "
-        f"origin {lat_deg:.6f}, {lon_deg:.6f}. Set area.origin_lat_deg and area.origin_lon_deg to the first"
+        f"the metres of {file!r} are relative to {origin[0]:.6f}, {origin[1]:.6f} deg, {apart_m:.0f} m from the "
+        f"mission's origin {lat_deg:.6f}, {lon_deg:.6f}. Set area.origin_lat_deg and area.origin_lon_deg to the first"
     )
 
 
@@ -49,12 +57,15 @@ def check_files(settings: Settings, number: int | None, findings: Findings) -> N
     Args:
         number: The vehicle of this machine; None: every vehicle's files are checked.
     """
-    wrong = {}
+    wrong, problems = dict[int, str](), dict[tuple[str, bool], str]()  # of a vehicle; of a file, which many may share
     for k, own in enumerate(settings.vehicles, 1):
         file = own.gp.survey_file
         if number not in (None, k) or findings.is_refused("gp.survey_file", k):
             continue
-        if file and (problem := survey_problem(file, settings.area)):
+        use = file, own.gp.mean == "survey"
+        if file and use not in problems:
+            problems[use] = survey_problem(file, settings.area, is_prior=use[1])
+        if problem := problems.get(use):
             wrong[k] = problem
     if len(wrong) == len(settings.vehicles) and len(set(wrong.values())) == 1:
         findings.error(f"gp.survey_file: {wrong[1]}")
@@ -80,7 +91,7 @@ def check_shared(settings: Settings, patterns: Patterns, number: int | None, fin
         if not is_given(given, f"mission.{key}"):
             value = getattr(settings.mission, key)
             add = findings.note if number is None else findings.error
-            add(f"mission.{key} is not in the file: a simulation takes {value}, a vehicle needs {meaning} in it")
+            add(f"mission.{key} is missing: a simulation takes {value}, but auv_lse vehicle needs {meaning} there")
 
 
 def check_machine(settings: Settings, number: int, simulated: bool, findings: Findings) -> None:

@@ -45,7 +45,7 @@ def check_file(
     read_area: AreaReader,
     area_file: Path | None = None,
     overrides: Mapping[str, Any] | None = None,
-) -> Settings:
+) -> tuple[Settings, Patterns]:
     """Reads a mission file and adds its errors to `findings`.
 
     Args:
@@ -53,7 +53,8 @@ def check_file(
         overrides: Possible values that replace the file's, as in `Settings.load`.
 
     Returns:
-        The settings. Refused parameters have their defaults and are listed in `findings.refused`.
+        The settings, and what the files hold. Refused parameters have their defaults and are listed in
+        `findings.refused`.
 
     Raises:
         ParameterError: if the file is missing, or not a ROS 2 parameter file, or its area file cannot be used.
@@ -66,13 +67,13 @@ def check_file(
     on_top = by_pattern(overrides or {})
     settings = _settings(usable, owners, on_top, str(path), findings)
     if findings.count("error"):
-        return settings
+        return settings, patterns
     try:
-        return Settings.from_patterns(patterns, str(path), overrides)
+        return Settings.from_patterns(patterns, str(path), overrides), patterns
     except ParameterError as error:
         findings.refused.update((name, None) for name in SECTIONS)
         findings.error(str(error))
-        return settings
+        return settings, patterns
 
 
 def _usable_values(

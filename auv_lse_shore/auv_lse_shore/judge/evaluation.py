@@ -166,8 +166,8 @@ def _replayed(
 ) -> tuple[Curves, DepthField | None, tuple[float, ...], list[DepthField]]:
     """Half of the work.
 
-    Curves, map at true positions, each vehicle's risk at `some` (P, 2) from its own soundings, and the own maps of the
-    `first` vehicles.
+    Curves, map at true positions, each vehicle's risk at `some` (P, 2) from its own soundings, and the map of each of
+    the `first` vehicles.
     """
     curves = reward_curves(run, settings, area, bounds, some)
     alone = tuple(_risk_alone(v, s, some) for v, s in zip(run.vehicles, settings, strict=True))
@@ -177,7 +177,7 @@ def _replayed(
 def _local_fields(
     run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: slice
 ) -> list[DepthField]:
-    """The own final maps of some vehicles."""
+    """Each vehicle's own final map, of some vehicles."""
     own = zip(run.vehicles[some], settings[some], strict=True)
     return [local_map(vehicle, of_vehicle, area, _tick_s(run)).field() for vehicle, of_vehicle in own]
 

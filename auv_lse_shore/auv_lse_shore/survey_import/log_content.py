@@ -240,8 +240,8 @@ class LogContent:
             if is_back.sum() <= _MOST_BACK:
                 found += (-np.diff(times)[is_back]).tolist()
                 order = np.argsort(times, kind="stable")
-                part, apart_s = np.append(0, np.cumsum(is_back))[order], np.diff(times[order])
-                is_mixed |= bool(((np.diff(part) != 0) & (apart_s <= _BACK_S)).any())
+                part = np.append(0, np.cumsum(is_back))[order]
+                is_mixed |= bool(np.count_nonzero(np.diff(part)) > is_back.sum())
         return max(found), is_mixed
 
     @property

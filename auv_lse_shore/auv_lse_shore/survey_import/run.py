@@ -79,7 +79,7 @@ def survey_run(
             "mission": {"vehicles": len(vehicles), "steps": 1},
             "level_set": {"level_m": level_m},
             "area": area.section(origin),
-            "vehicle": {"depth_m": 0.0},  # where no track tells it
+            "vehicle": {"depth_m": 0.0},  # where no track has it
             "gp": {**learned, **_sizes(points, area.area_m2, learned["length_scale_m"])},
             "positions": {**_NO_DRIFT, "position_walk_m_rts": _walk_m_rts(vehicles)},
         }

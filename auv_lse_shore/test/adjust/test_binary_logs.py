@@ -404,7 +404,7 @@ def test_a_depth_that_a_sounder_shows_without_an_echo_is_left_out(tmp_path, name
     ("reference", "steps", "asked"),
     [
         ("Transducer", [], "question: depths are below the transducer, whose depth is unknown"),
-        ("Unknown", [], "question: the file leaves open what its depths are measured from: the surface is assumed"),
+        ("Unknown", [], "question: the file does not state what its depths are measured from: the surface is assumed"),
         ("Unknown", ["LN02 372 m"], "question: depths are reduced to LN02 372 m: auv_lse export --datum 'LN02 372 m'"),
         ("Waterline", [], ""),
     ],

@@ -517,9 +517,10 @@ def test_frames_of_nmea_2000_are_no_table(tmp_path, line):
         gathered(tmp_path, "\n".join(line.format(n % 10, n % 10) for n in range(50)))
 
 
-def test_a_comma_between_brackets_of_a_header_is_part_of_a_name(tmp_path):
+@pytest.mark.parametrize("depth", ["depth (m, corrected)", "depth [m, corrected]"])
+def test_a_comma_between_brackets_of_a_header_is_part_of_a_name(tmp_path, depth):
     """The depth was read from the column behind it."""
-    data = lines("lat,lon,speed (m, s),depth (m, corrected),temp,utc", lambda t, a, o, d: f"{a},{o},1,{d},14,{utc(t)}")
+    data = lines(f"lat,lon,speed (m, s),{depth},temp,utc", lambda t, a, o, d: f"{a},{o},1,{d},14,{utc(t)}")
     found = gathered(tmp_path, data)
     checked(found)
-    assert "column depth (m, corrected)" in found.lines[0]
+    assert f"column {depth}" in found.lines[0]

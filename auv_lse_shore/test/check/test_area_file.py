@@ -141,7 +141,7 @@ def test_an_area_file_keeps_the_missions_origin(tmp_path, origin, on_top, expect
     )
     area = Settings.load(path, {"area.file": str(tmp_path / "lake.geojson"), **on_top}, read_area).area
     assert (area.origin_lat_deg, area.origin_lon_deg) == pytest.approx(expected, abs=1e-3)
-    checked = check_file(path, Findings(), read_area, tmp_path / "lake.geojson", on_top).area
+    checked = check_file(path, Findings(), read_area, tmp_path / "lake.geojson", on_top)[0].area
     assert checked == area
     north, east = local_from_geodetic(LAKE[0][1], LAKE[0][0], area.origin_lat_deg, area.origin_lon_deg)
     assert area.polygon_m[:2] == pytest.approx((float(north), float(east)), abs=0.02)

@@ -300,13 +300,21 @@ def test_the_machine_of_a_vehicle_is_checked(tmp_path: Path) -> None:
     assert found(path, "error", "auv4") == [*found(path, "error"), "auv4 is not in the mission, which has 3 vehicles"]
 
 
+def test_degrees_alone_need_the_origin_of_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "start.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    vehicle: {start_deg: [47.3, 8.5]}\n")
+    origin = [f"area.origin_{name}_deg={value}" for name, value in (("lat", 47.3), ("lon", 8.5))]
+    assert main([str(path), "--set", origin[0], "--set", origin[1]]) == 0
+    assert "0 errors" in capsys.readouterr().out
+
+
 def test_numbers_that_a_vehicle_must_have_are_an_error_for_a_vehicle_alone(tmp_path: Path) -> None:
     path = tmp_path / "short.yaml"
     path.write_text("/**:\n  ros__parameters:\n    mission: {steps: 30}\n")
-    text = "mission.vehicles is not in the file: a simulation takes 3, a vehicle needs the number of vehicles in it"
+    text = "mission.vehicles is missing: a simulation takes 3, but auv_lse vehicle needs the number of vehicles there"
     assert text in found(path, "note")
     assert text in found(path, "error", "auv2")
-    assert not any("mission.steps is not" in line for line in found(path, "note"))
+    assert not any("mission.steps is missing" in line for line in found(path, "note"))
 
 
 def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

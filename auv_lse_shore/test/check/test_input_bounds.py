@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import time
 import zipfile
 from collections.abc import Iterator
@@ -74,12 +73,9 @@ def test_a_mission_file_of_a_gigabyte_is_not_read(tmp_path: Path) -> None:
     assert MAX_YAML_BYTES < 10**9
 
 
-def test_what_may_never_end_or_is_read_once_is_no_mission_file(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match=r"^/dev/null: cannot be read: it is a device and not a file$"):
+def test_a_device_which_may_never_end_is_no_mission_file() -> None:
+    with pytest.raises(ParameterError, match=r"^/dev/null: cannot be read: it is a device; name a file$"):
         read_parameter_file(Path("/dev/null"))
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(ParameterError, match=r"pipe is a pipe, and this file is read more than once\. Save it to a"):
-        read_parameter_file(tmp_path / "pipe")
 
 
 def test_20_000_node_patterns_are_refused(tmp_path: Path) -> None:

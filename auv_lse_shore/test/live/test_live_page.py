@@ -295,7 +295,7 @@ def test_an_abort_makes_one_alarm_and_an_old_missed_slot_none(browser, serving):
     at(browser, end)
     before = browser.ask(rows)
     run = {"warnings": ["fence: 3 m outside; the margin is 5 m"], "limits": ["depth: 9 m; limit 8 m"]}
-    known = "depth: 9 m; limit 8 m (latched until RESET); fence: 3 m outside; the margin is 5 m"
+    known = "depth: 9 m; limit 8 m (latched until RESET); fence: 4 m outside; the margin is 5 m"
     planner = "not planning: the mission is ABORTED: ABORT by shore; twice"
     for t in range(0, 400, 10):
         add("pose", end + t, north=0, east=0, heading=0)

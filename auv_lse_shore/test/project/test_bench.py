@@ -294,7 +294,7 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
         (["planer", "--legs", "4"], "there is no group planer; choose from planners, mission, vehicle"),
         (["planners", "planer"], "there is no group planer"),
         (["gp", "--lake", "."], ".: Is a directory"),
-        (["gp", "--lake", "/dev/null"], "/dev/null: it is a device and not a file"),
+        (["gp", "--lake", "/dev/null"], "/dev/null: it is a device; name a file"),
         (["planners", "--grounds", "/dev/null"], "/dev/null is not a manifest of grounds: it lacks the list grounds"),
         (["planners", "--grounds", "."], ".: cannot be read: Is a directory"),
         (["planners", "--vehicles", "99"], "--vehicles 99: mission.vehicles must be a whole number from 1 to 20"),

@@ -2,8 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.arrays import Array
-from auv_lse_gp.soundings import FAR_M, is_far
+from auv_lse_common.vocabulary.frames import FAR_M
+from auv_lse_gp.soundings import is_far, origin_of_metres
+from auv_lse_gp.tables.table_error import TableError
 from auv_lse_sim.ground.ground import GroundError
 
 
@@ -31,7 +36,7 @@ def check_placed(path: Path, east: float, north: float, origin: tuple[float, flo
 
     Args:
         east: The middle of the data (m) in that projection.
-        north: The same.
+        north: Its northing (m).
         origin: WGS84 latitude and longitude (deg) of the mission's local origin; None if it has none.
         advice: The cure.
 
@@ -43,3 +48,14 @@ def check_placed(path: Path, east: float, north: float, origin: tuple[float, flo
             f"{path}: its coordinates, about {east:.0f} east, {north:.0f} north, are in an unknown projection, and the "
             f"mission has an origin on Earth, {origin[0]:g}, {origin[1]:g} deg. {advice}"
         )
+
+
+def prior_fits(gp: GpConfig, origin: tuple[float | None, float | None]) -> bool:
+    """Whether the prior mean's metres are relative to an origin, latitude and longitude (deg), or it has none."""
+    if gp.mean == "constant":
+        return True
+    try:
+        found = origin_of_metres(Path(gp.survey_file)) if gp.mean == "survey" else None
+    except (OSError, TableError):
+        return False
+    return found is not None and None not in origin and np.allclose(found, np.array(origin, float), rtol=0.0, atol=2e-5)

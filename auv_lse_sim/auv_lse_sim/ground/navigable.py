@@ -24,6 +24,7 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
+from auv_lse_sim.ground.local_frame import prior_fits
 from auv_lse_sim.ground.reach import clip_to_reachable, without_unreachable
 from auv_lse_sim.ground.shore import shore_of
 
@@ -87,10 +88,11 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     # 1e-5 deg is about a metre: origins computed from soundings are no more accurate than that.
     if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
         texts = [f"{lat:.5f}, {lon:.5f} deg" for lat, lon in (asked, origin)]
-        if prior := ", ".join(sorted({own.gp.mean for own in settings.vehicles} - {"constant"})):
+        if prior := ", ".join(sorted({own.gp.mean for own in settings.vehicles if not prior_fits(own.gp, origin)})):
             raise GroundError(
-                f"area.origin is {texts[0]}, from which the prior (gp.mean: {prior}) counts, and the ground's is "
-                f"{texts[1]}. Remove the columns in metres from its file: lat and lon then count from area.origin"
+                f"area.origin is {texts[0]}, and the ground's {texts[1]}; the prior (gp.mean: {prior}) would stay. If "
+                "its metres are relative to the ground's origin, set area.origin_lat_deg, origin_lon_deg to it; "
+                "else take a ground without an origin of its own, such as a table with lat and lon alone"
             )
         notes.append(
             f"origin: area.origin {texts[0]} is replaced by the origin of the ground, {texts[1]}; area, starts and "

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_gp.soundings import FAR_M, is_far, read_npz_grid
+from auv_lse_common.vocabulary.frames import FAR_M
+from auv_lse_gp.soundings import is_far, read_npz_grid
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import GridGround, checked_origin
 from auv_lse_sim.ground.ground import GroundError

@@ -14,9 +14,9 @@ from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
-from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
+from auv_lse_common.vocabulary.frames import FAR_M, local_from_geodetic, unwrapped_deg
 from auv_lse_common.vocabulary.sounding import DEEPEST_M
-from auv_lse_gp.soundings import FAR_M, check_together, is_far, local_positions
+from auv_lse_gp.soundings import check_together, is_far, local_positions
 from auv_lse_gp.soundings_table import SoundingsTable, read_table
 from auv_lse_sim.ground.band_meaning import is_elevation
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, grid_depths, upside_down

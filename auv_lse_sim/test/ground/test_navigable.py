@@ -306,9 +306,19 @@ def test_a_rugged_shore_has_fewer_corners():
 def test_a_prior_does_not_move_with_the_origin_and_is_refused(prior):
     axis = np.arange(-50.0, 551.0, 50.0)
     terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
-    with pytest.raises(GroundError, match=r"47\.00090.*gp.mean: (survey|plane)\) counts, .*47\.00000.*lat and lon"):
+    with pytest.raises(GroundError, match=r"47\.00090.*47\.00000.*gp.mean: (survey|plane)\) would stay.*lat and lon"):
         fit_to_ground(settings(**{"area.origin_lat_deg": 47.0009, "area.origin_lon_deg": 8.0, **prior}), terrain)
     fit_to_ground(settings(**{"area.origin_lat_deg": 47.0, "area.origin_lon_deg": 8.0, **prior}), terrain)
+
+
+def test_a_prior_of_the_grounds_origin_fits(tmp_path):
+    axis = np.arange(-50.0, 551.0, 50.0)
+    terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
+    rows = [f"{n},{e},{47.0 + n / 111_190.0},{8.0 + e / 75_900.0},25" for n in (0, 200, 400) for e in (0, 300)]
+    (tmp_path / "a.csv").write_text("\n".join(["north_m,east_m,lat,lon,depth_m", *rows]) + "\n")
+    prior = {"gp.mean": "survey", "gp.survey_file": str(tmp_path / "a.csv")}
+    moved = settings(**{"area.origin_lat_deg": 47.0009, "area.origin_lon_deg": 8.0, **prior})
+    assert fit_to_ground(moved, terrain)[0].area.origin_lat_deg == 47.0
 
 
 def test_the_shore_moves_with_the_origin():

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.text import text_of
+from auv_lse_common.vocabulary.frames import FAR_M
 from auv_lse_common.vocabulary.sounding import DEEPEST_M
 from auv_lse_gp.tables.angles import degrees_of
 from auv_lse_gp.tables.column_names import DEPTHS, Column
@@ -32,8 +33,6 @@ _MOST_SOUNDERS = 50
 _SAME_UNIT = 1e-5
 #: Metres of a degree.
 _DEGREE_M = 111_000.0
-#: Largest distance (m) of local coordinates from 0.
-_FAR_M = 100_000.0
 #: Largest distance (deg) between the quartiles of columns x, y in degrees: more than 100 km.
 _WIDE_DEG = 2.0
 #: An altitude that stays below this (m) may be above the bottom.
@@ -259,7 +258,7 @@ def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple
         if fine:
             content.notes.append("x, y taken as metres: as degrees they would be hundreds of kilometres apart")
     positions, known = (_in_units_of(table, (north, east), rows, 1.0) for rows in (positions, known))
-    if len(known) and np.abs(np.median(known, axis=0)).max() > _FAR_M:
+    if len(known) and np.abs(np.median(known, axis=0)).max() > FAR_M:
         middle = np.median(known, axis=0)
         raise LogError(
             f"{table.path}: its coordinates are projected (about {middle[1]:,.0f} east, {middle[0]:,.0f} north). "

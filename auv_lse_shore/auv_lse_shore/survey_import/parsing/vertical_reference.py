@@ -1,5 +1,6 @@
 """The vertical reference that crowdsourced bathymetry states for its depths."""
 
+import json
 import re
 import shlex
 
@@ -7,7 +8,8 @@ from auv_lse_shore.survey_import.log_content import LogContent, Reference
 
 _STATED = re.compile(r'"verticalReferenceOfDepth"\s*:\s*"(\w+)"')
 #: A step of processing that reduced the depths to a datum, and the datum.
-_REDUCTION, _DATUM = re.compile(r'\{[^{}]*"VerticalReduction"[^{}]*\}'), re.compile(r'"datum"\s*:\s*"([^"]{1,60})"')
+_REDUCTION = re.compile(r'\{[^{}]*"VerticalReduction"[^{}]*\}')
+_DATUM = re.compile(r'"datum"\s*:\s*("(?:[^"\\]|\\.)+")')
 
 
 def vertical_reference(about: str, content: LogContent) -> Reference:
@@ -18,12 +20,13 @@ def vertical_reference(about: str, content: LogContent) -> Reference:
     """
     stated, reduction = _STATED.search(about), _REDUCTION.search(about)
     if reduction and (datum := _DATUM.search(reduction[0])):
-        content.questions.append(
-            f"depths are reduced to {datum[1]}: auv_lse export --datum {shlex.quote(datum[1])} keeps it"
-        )
+        name = json.loads(datum[1], strict=False)
+        content.questions.append(f"depths are reduced to {name}: auv_lse export --datum {shlex.quote(name)} keeps it")
+    elif reduction:
+        content.questions.append("depths are reduced to an unnamed datum: name it with auv_lse export --datum")
     elif stated and stated[1] == "Unknown":
         content.questions.append(
-            "the file leaves open what its depths are measured from: the surface is assumed; --draught adds a "
-            "transducer's depth"
+            "the file does not state what its depths are measured from: the surface is assumed; --draught adds a "
+            "transducer's depth, and auv_lse export --datum names a datum"
         )
     return Reference.TRANSDUCER if stated and stated[1] == "Transducer" else Reference.SURFACE

@@ -89,8 +89,16 @@ function ofHealth(store, vehicle) {
 export function ownText(run, text) {
   const latched = (run?.limits ?? []).map((limit) => `${limit} (latched until RESET)`);
   const held = `not planning: the mission is ${run?.state.toUpperCase()}: ${run?.reason}`;
-  return [held, ...latched, ...(run?.warnings ?? []), run?.reason].reduce((rest, known) => `; ${rest}; `.replace(`; ${known}; `, "; ").slice(2, -2), text);
+  const rest = [held, ...latched, run?.reason].reduce((left, known) => `; ${left}; `.replace(`; ${known}; `, "; ").slice(2, -2), text);
+  const parts = rest.split("; ");
+  for (const warning of run?.warnings ?? []) { // its numbers change
+    const at = parts.findIndex((part) => keyOf(part) === keyOf(warning));
+    if (at >= 0) parts.splice(at, warning.split("; ").length);
+  }
+  return parts.join("; ");
 }
+
+const keyOf = (text) => text.split(": ", 1)[0];
 
 // When the last vehicle's mission ended; Infinity while one has not.
 export function missionEndS(store) {

@@ -89,12 +89,12 @@ export class VehicleCards {
     const nodes = new Map();
     for (const event of this.store.between("health", vehicle, -Infinity, t)) nodes.set(event.node, event);
     if (t >= missionEndS(this.store)) nodes.delete(PLANNER);
-    const run = this.store.at("run", vehicle, t), legs = nodes.get("safety_node")?.values?.["legs left by battery"];
+    const legs = nodes.get("safety_node")?.values?.["legs left by battery"];
     let level = "ok";
     const notes = [];
-    for (const { node, level: own, text } of nodes.values()) {
+    for (const { t: at, node, level: own, text } of nodes.values()) {
       if (WORST.indexOf(own) > WORST.indexOf(level)) level = own;
-      const rest = ownText(run, text);
+      const rest = ownText(this.store.at("run", vehicle, at), text);
       if (own !== "ok" && (rest || !text)) notes.push(`${node}: ${rest}`);
     }
     return { level, notes, legs };
