@@ -132,7 +132,7 @@ def test_a_survey_whose_metres_count_from_another_origin_is_refused_before_the_s
     np.savetxt(tmp_path / "a.csv", rows, "%.8f", ",", header="north_m,east_m,depth_m,lat,lon", comments="")
     survey = ["--set", "gp.mean=survey", "--set", f"gp.survey_file={tmp_path / 'a.csv'}"]
     for lat_deg, message in (
-        (46.501, r"a\.csv' count from 46\.500000, 6\.600000 deg, 111 m from the mission's"),
+        (46.501, r"a\.csv' are relative to 46\.500000, 6\.600000 deg, 111 m from the mission's"),
         (46.5, ""),
     ):
         origin = ["--set", f"area.origin_lat_deg={lat_deg}", "--set", "area.origin_lon_deg=6.6"]
