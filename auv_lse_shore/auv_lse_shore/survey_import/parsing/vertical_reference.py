@@ -9,7 +9,7 @@ from auv_lse_shore.survey_import.log_content import LogContent, Reference
 _STATED = re.compile(r'"verticalReferenceOfDepth"\s*:\s*"(\w+)"')
 #: A step of processing that reduced the depths to a datum, and the datum.
 _REDUCTION = re.compile(r'\{[^{}]*"VerticalReduction"[^{}]*\}')
-_DATUM = re.compile(r'"datum"\s*:\s*("(?:[^"\\]|\\.)+")')
+_DATUM = re.compile(r'"datum"\s*:\s*("(?:[^"\\]|\\["\\/bfnrt]|\\u[0-9a-fA-F]{4})+")')
 
 
 def vertical_reference(about: str, content: LogContent) -> Reference:
@@ -20,7 +20,7 @@ def vertical_reference(about: str, content: LogContent) -> Reference:
     """
     stated, reduction = _STATED.search(about), _REDUCTION.search(about)
     if reduction and (datum := _DATUM.search(reduction[0])):
-        name = json.loads(datum[1], strict=False)
+        name = " ".join(json.loads(datum[1], strict=False).split())
         content.questions.append(f"depths are reduced to {name}: auv_lse export --datum {shlex.quote(name)} keeps it")
     elif reduction:
         content.questions.append("depths are reduced to an unnamed datum: name it with auv_lse export --datum")
