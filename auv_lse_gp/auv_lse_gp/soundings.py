@@ -20,6 +20,9 @@ from auv_lse_gp.no_data import fill_values, is_no_data
 from auv_lse_gp.soundings_table import SoundingsTable, read_table
 from auv_lse_gp.tables.table_error import TableError
 
+#: Origins computed from a table's lat and lon are no more accurate than this (m).
+SAME_ORIGIN_M = 2.0
+
 #: Distance (m) from the middle of a survey beyond which a position is wrong.
 _APART_M = 1_000_000.0
 

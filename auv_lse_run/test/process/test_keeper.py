@@ -113,7 +113,7 @@ def test_hanging_process_is_killed_and_restarted(tmp_path: Path, share: float) -
     bench.keeper.stop()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="as above")
+@pytest.mark.skipif(sys.platform != "linux", reason="sockets without a file, as Linux has them")
 @pytest.mark.parametrize("silent_s", [30.0, math.inf])
 def test_a_hang_in_a_mission_is_reported_once_and_its_end_too(tmp_path: Path, silent_s: float) -> None:
     bench = Bench(tmp_path, restart=False, silent_s=silent_s, node=f'exec {sys.executable} -c "{ALIVE}"')

@@ -14,14 +14,11 @@ from auv_lse_common.support.missing_packages import COMMANDS, is_installed
 from auv_lse_common.support.user_error import error_text
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_comms.settings import check_send_duration
-from auv_lse_gp.soundings import origin_of_metres, read_soundings
+from auv_lse_gp.soundings import SAME_ORIGIN_M, origin_of_metres, read_soundings
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_record.guard import free_mb
 from auv_lse_record.size_estimate import lack_of_space, size_of
 from auv_lse_shore.check.findings import Findings
-
-#: Origins computed from a table's lat and lon are no more accurate than this (m).
-_SAME_ORIGIN_M = 2.0
 
 
 def survey_problem(file: str, area: AreaConfig, is_prior: bool = True) -> str:
@@ -43,7 +40,7 @@ def survey_problem(file: str, area: AreaConfig, is_prior: bool = True) -> str:
     if origin is None or lat_deg is None or lon_deg is None:
         return ""
     apart_m = math.hypot(*local_from_geodetic(*origin, lat_deg, lon_deg))
-    if apart_m <= _SAME_ORIGIN_M:
+    if apart_m <= SAME_ORIGIN_M:
         return ""
     return (
         f"the metres of {file!r} are relative to {origin[0]:.6f}, {origin[1]:.6f} deg, {apart_m:.0f} m from the "

@@ -421,3 +421,11 @@ def test_the_vertical_reference_of_crowdsourced_bathymetry_is_asked_about(
     questions = [line for line in lines if "question" in line]
     assert len(questions) == bool(asked)
     assert not asked or asked in questions[0]
+
+
+def test_a_damaged_name_of_a_datum_is_an_unnamed_datum(tmp_path):
+    data = json.loads(crowdsourced(survey()[:120]))
+    data["properties"]["processing"] = [{"type": "VerticalReduction", "datum": "LN02"}]
+    (tmp_path / "a.geojson").write_text(json.dumps(data).replace("LN02", r"L\q"))
+    options = parser().parse_args([str(tmp_path / "a.geojson"), "--origin", "46.5", "6.6"])
+    assert any("reduced to an unnamed datum" in line for line in gather(options.logs, user_facts(options)).lines)

@@ -1,13 +1,12 @@
 """Checks that the coordinates of a file lie near the mission's local origin."""
 
+import math
 from pathlib import Path
-
-import numpy as np
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.arrays import Array
-from auv_lse_common.vocabulary.frames import FAR_M
-from auv_lse_gp.soundings import is_far, origin_of_metres
+from auv_lse_common.vocabulary.frames import FAR_M, local_from_geodetic
+from auv_lse_gp.soundings import SAME_ORIGIN_M, is_far, origin_of_metres
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_sim.ground.ground import GroundError
 
@@ -58,4 +57,7 @@ def prior_fits(gp: GpConfig, origin: tuple[float | None, float | None]) -> bool:
         found = origin_of_metres(Path(gp.survey_file)) if gp.mean == "survey" else None
     except (OSError, TableError):
         return False
-    return found is not None and None not in origin and np.allclose(found, np.array(origin, float), rtol=0.0, atol=2e-5)
+    lat_deg, lon_deg = origin
+    if found is None or lat_deg is None or lon_deg is None:
+        return False
+    return math.hypot(*local_from_geodetic(*found, lat_deg, lon_deg)) <= SAME_ORIGIN_M
