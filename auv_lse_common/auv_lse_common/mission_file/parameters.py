@@ -303,16 +303,21 @@ def _allowed(hint: Any, field: dataclasses.Field[Any]) -> str:
             return f"an object of the class {hint.__name__}" if is_object else "a mapping of names"
         text = _TYPE_NAMES[hint]
     limits, unit = _limits(meta), meta.get("unit") or ""
-    words = (text, "from" if " to " in limits else "in" if unit and not limits else "", limits, unit)
+    joint = "from" if " to " in limits else "of" if limits.startswith("at ") else "in" if unit and not limits else ""
+    words = (text, joint, limits, unit)
     return " ".join(word for word in words if word)
 
 
 def _limits(meta: Mapping[str, Any]) -> str:
-    """The allowed range: "0 to 1", ">= 0", "> 0, <= 10"; "" if there is none."""
+    """The allowed range: "0 to 1", "at least 0", "above 0 and at most 10"; "" if there is none."""
     if meta.get("low") is not None and meta.get("high") is not None:
-        return f"{meta['low']:g} to {meta['high']:g}"
-    signs = (("above", ">"), ("low", ">="), ("high", "<="))
-    return ", ".join(f"{sign} {meta[name]:g}" for name, sign in signs if meta.get(name) is not None)
+        return f"{_written(meta['low'])} to {_written(meta['high'])}"
+    words = (("above", "above"), ("low", "at least"), ("high", "at most"))
+    return " and ".join(f"{word} {_written(meta[name])}" for name, word in words if meta.get(name) is not None)
+
+
+def _written(limit: float) -> str:
+    return f"{limit:,.0f}" if abs(limit) >= 1e4 else f"{limit:g}"
 
 
 def _without_none(hint: Any) -> Any:

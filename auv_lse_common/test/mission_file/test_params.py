@@ -78,7 +78,7 @@ def test_defaults_and_values() -> None:
         ({"on": 1}, r"f: s\.on must be .*, not 1"),
         ({"angles": [0.0, 2.0]}, r"f: s\.angles\[1\] must be a number from -1 to 1, not 2\.0"),
         ({"angles": "0.0"}, r"f: s\.angles must be .*, not '0\.0'"),
-        ({"inner": {"gain": 0.0}}, r"f: s\.inner\.gain must be a number > 0 m, not 0\.0"),
+        ({"inner": {"gain": 0.0}}, r"f: s\.inner\.gain must be a number above 0 m, not 0\.0"),
         ({"inner": {"gain": float("nan")}}, r"f: s\.inner\.gain must be .*, not nan"),
         ({"inner": {"gain": float("inf")}}, r"f: s\.inner\.gain must be .*, not inf"),
         ({"inner": {"gain": "1e999"}}, r"f: s\.inner\.gain must be .*, not '1e999'"),
@@ -102,7 +102,7 @@ def test_numbers_that_yaml_1_1_reads_as_text(text: str, value: float) -> None:
 
 
 def test_missing_and_cross_checked() -> None:
-    with pytest.raises(ParameterError, match=r"f\.must is missing; set it to a number >= 0 s"):
+    with pytest.raises(ParameterError, match=r"f\.must is missing; set it to a number of at least 0 s"):
         from_mapping(Needy, {}, "f")
     with pytest.raises(ParameterError, match=r"f\.must is 13; choose any other number"):
         from_mapping(Needy, {"must": 13.0}, "f")
@@ -242,7 +242,36 @@ def test_yaml_merge_key_may_be_overridden(tmp_path: Path) -> None:
 def test_describe_lists_every_parameter() -> None:
     rows = {row[0]: row for row in describe(Outer, "s.")}
     assert set(rows) == {"s.count", "s.total", "s.name", "s.on", "s.angles", "s.zones", "s.limit", "s.inner.gain"}
-    assert rows["s.inner.gain"] == ("s.inner.gain", 1.0, "m", "> 0", "a gain")
+    assert rows["s.inner.gain"] == ("s.inner.gain", 1.0, "m", "above 0", "a gain")
+
+
+def test_every_number_of_a_mission_file_has_two_limits() -> None:
+    def unlimited(kind: type, prefix: str) -> list[str]:
+        found, hints = [], typing.get_type_hints(kind)
+        for each in dataclasses.fields(kind):
+            if dataclasses.is_dataclass(hints[each.name]):
+                found += unlimited(hints[each.name], f"{prefix}{each.name}.")
+            elif hints[each.name] in (int, float, int | None, float | None):
+                is_low = any(each.metadata.get(name) is not None for name in ("low", "above"))
+                if not (is_low and each.metadata.get("high") is not None):
+                    found.append(prefix + each.name)
+        return found
+
+    seeds = ["mission.seed", "sim.lake.seed"]
+    assert [name for section, kind in SECTIONS.items() for name in unlimited(kind, f"{section}.")] == seeds
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("vehicle", "speed_mps", 1500.0, r"a number above 0 and at most 30 m/s, not 1500"),
+        ("vehicle", "start_heading_rad", 90.0, r"from -6\.28319 to 6\.28319 rad, not 90"),
+        ("vehicle", "start_north_m", 1e300, r"from -10,000,000 to 10,000,000 m, not 1e\+300"),
+    ],
+)
+def test_numbers_in_other_units_are_refused(section: str, key: str, value: float, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        from_mapping(SECTIONS[section], {key: value}, section)
 
 
 @pytest.mark.parametrize(
@@ -276,9 +305,9 @@ def test_a_value_of_the_wrong_type_in_python_is_named_with_what_is_wanted(cls, n
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"length_scale_m": "a"}, r"GpConfig.length_scale_m must be a number > 0 m, not 'a'"),
-        ({"max_centers": 2.5}, r"GpConfig.max_centers must be a whole number >= 1, not 2.5"),
-        ({"noise_std_m": None}, r"GpConfig.noise_std_m must be a number > 0 m, not None"),
+        ({"length_scale_m": "a"}, r"GpConfig.length_scale_m must be a number above 0 and at most 100,000 m, not 'a'"),
+        ({"max_centers": 2.5}, r"GpConfig.max_centers must be a whole number from 1 to 100,000, not 2.5"),
+        ({"noise_std_m": None}, r"GpConfig.noise_std_m must be a number above 0 and at most 1000 m, not None"),
         ({"merge": 1}, r"GpConfig.merge must be true or false, not 1"),
     ],
 )

@@ -107,12 +107,12 @@ def test_parameters_of_a_vehicle_apply_only_to_it(tmp_path):
     [
         ("/**: {ros__parameters: {missions: {seed: 1}}}", r"missions: unknown section; did you mean 'mission'"),
         ("/**: {ros__parameters: {sim: {dvl: {noise: 1.0}}}}", r"sim\.dvl\.noise: unknown parameter .*noise_mps"),
-        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"must be a number >= 0 m/s, not -1\.0"),
+        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"must be a number from 0 to 10 m/s, not -1\.0"),
         (
             "/**: {ros__parameters: {sim: {dvl: {dropout_min_s: 3.0}}}}",
             r"dropout_min_s is 3 s, but must not exceed dropout_max_s",
         ),
-        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed must be a whole number >= 0, not 1\.5"),
+        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed must be a whole number of at least 0, not 1\.5"),
         ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal must be true or false, not 1"),
         ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma is the same for the whole team"),
         ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim is the same for the whole team"),

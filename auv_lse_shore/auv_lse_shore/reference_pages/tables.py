@@ -120,12 +120,8 @@ def _shown(value: Any) -> str:
 
 
 def _limits(allowed: str) -> str:
-    """A range without blanks, as 0..1 or >0, or the choices."""
-    if match := re.fullmatch(r">= (\S+) <= (\S+)", allowed):
-        return f"{match[1]}..{match[2]}"
-    if ", " in allowed:
-        return f"of `{allowed.replace(', ', '|')}`"
-    return re.sub(r"(>=|<=|>) ", r"\1", allowed)
+    """A range as it is, or the choices."""
+    return f"of `{allowed.replace(', ', '|')}`" if ", " in allowed else allowed
 
 
 def parameters() -> str:

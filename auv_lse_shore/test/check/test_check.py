@@ -72,8 +72,8 @@ def test_every_wrong_key_is_named_not_only_the_first(tmp_path: Path) -> None:
     errors = found(path, "error")
     assert [error.removeprefix(f"{path}: ") for error in errors] == [
         "/**: gp.kernal: unknown parameter (value 'matern52'); did you mean 'kernel'?",
-        "/**: gp.noise_std_m must be a number > 0 m, not -1.0",
-        "/**: mission.steps must be a whole number from 1 to 65535, not 2.5",
+        "/**: gp.noise_std_m must be a number above 0 and at most 1000 m, not -1.0",
+        "/**: mission.steps must be a whole number from 1 to 65,535, not 2.5",
         "/**: plannr: unknown section; did you mean 'planner'?",
         "/**: sim.channel.packet_los: unknown parameter (value 0.1); did you mean 'packet_loss'?",
         "/auv2/**: vehicle.depth: unknown parameter (value 4.0); did you mean 'depth_m'?",

@@ -48,7 +48,7 @@ def test_a_dive_from_start_to_stop(tmp_path: Path, capsys: pytest.CaptureFixture
         code, text = fleet("start")
         assert code == 1
         assert "did not start: error: " in text
-        assert "gp.noise_std_m must be a number > 0" in text
+        assert "gp.noise_std_m must be a number above 0" in text
         assert fleet("send", str(tmp_path / "vehicles.yaml"))[0] == 0
         code, text = fleet("go", "--anyway")
         assert code == 1

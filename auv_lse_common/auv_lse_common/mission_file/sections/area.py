@@ -7,6 +7,7 @@ import numpy as np
 from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_CORNERS
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 
 
 @configuration
@@ -26,7 +27,7 @@ class AreaConfig:
         unit="m",
         help="Lines along the shore by name: north, east, ...",
     )
-    shore_depth_m: float = parameter(0.0, unit="m", help="Depth along the shore")
+    shore_depth_m: float = parameter(0.0, low=-100.0, high=DEEPEST_M, unit="m", help="Depth along the shore")
     file: str | None = parameter(
         None,
         help="Instead of polygon_m: a file with the area, no-go areas, starts and recovery positions, such as GeoJSON, "
@@ -44,11 +45,16 @@ class AreaConfig:
         None, low=-180.0, high=180.0, unit="deg", help="WGS84 longitude of north = east = 0, where known"
     )
     margin_m: float = parameter(
-        10.0, low=0.0, unit="m", help="Distance that vehicles keep from the area's border and from no-go areas"
+        10.0,
+        low=0.0,
+        high=10e3,
+        unit="m",
+        help="Distance that vehicles keep from the area's border and from no-go areas",
     )
     raster_m: float = parameter(
         2.0,
         above=0.0,
+        high=100.0,
         unit="m",
         help="Spacing of the raster of distances to the border, which err by at most twice this, on the safe side",
     )

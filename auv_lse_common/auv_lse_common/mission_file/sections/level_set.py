@@ -13,8 +13,12 @@ class LevelSetConfig:
     level_m: float = parameter(
         15.0, unit="m", low=0.0, high=DEEPEST_M, help="Depth of the isobath, positive downwards (paper: l)"
     )
-    cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe location safe (paper: c1)")
-    cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe location unsafe (paper: c2)")
+    cost_false_safe: float = parameter(
+        10.0, above=0.0, high=1e6, help="Cost of calling an unsafe location safe (paper: c1)"
+    )
+    cost_false_unsafe: float = parameter(
+        10.0, above=0.0, high=1e6, help="Cost of calling a safe location unsafe (paper: c2)"
+    )
 
     def __post_init__(self) -> None:
         """Rejects unusable values.

@@ -44,19 +44,28 @@ class LinkConfig:
         True, help="send the mission's origin as SET_GPS_GLOBAL_ORIGIN if the autopilot has none"
     )
     acceptance_m: float = parameter(
-        4.0, unit="m", above=0.0, help="a leg is complete this far before its end; the next target is then sent"
+        4.0,
+        unit="m",
+        above=0.0,
+        high=1e3,
+        help="a leg is complete this far before its end; the next target is then sent",
     )
     heartbeat_period_s: float = parameter(
         0.5,
         unit="s",
         above=0.0,
+        high=10.0,
         help="time between sent heartbeats; ArduSub's failsafe acts 2.5 s after the last one",
     )
     lost_after_s: float = parameter(
-        5.0, unit="s", above=0.0, help="the link is lost when the autopilot has sent no heartbeat for this time"
+        5.0,
+        unit="s",
+        above=0.0,
+        high=3600.0,
+        help="the link is lost when the autopilot has sent no heartbeat for this time",
     )
     stale_after_s: float = parameter(
-        3.0, unit="s", above=0.0, help="age of a position or attitude above which no odometry is published"
+        3.0, unit="s", above=0.0, high=3600.0, help="age of a position or attitude above which no odometry is published"
     )
     pressure: str = parameter(
         "SCALED_PRESSURE2",
@@ -70,6 +79,7 @@ class LinkConfig:
         1.0,
         unit="m",
         above=0.0,
+        high=1e3,
         help="largest change, under water, of pressure depth minus the autopilot's own",
     )
     sensor_depth_m: float = parameter(
@@ -88,6 +98,7 @@ class LinkConfig:
         0.0,
         unit="Wh",
         low=0.0,
+        high=1e6,
         help="energy of the battery, full at power-on: BATTERY_STATUS gives the charge; 0: SYS_STATUS does",
     )
     soundings: bool = parameter(
@@ -107,16 +118,23 @@ class LinkConfig:
         0.2,
         unit="s",
         above=0.0,
+        high=60.0,
         help="position_target: repetition period of the current target, which PX4 Offboard needs within 0.5 s; "
         "ArduPilot gets each target once",
     )
     upload_timeout_s: float = parameter(
-        1.5, unit="s", above=0.0, help="mission: time without a request of the autopilot before an upload is repeated"
+        1.5,
+        unit="s",
+        above=0.0,
+        high=60.0,
+        help="mission: time without a request of the autopilot before an upload is repeated",
     )
     upload_retries: int = parameter(5, low=0, high=100, help="mission: repetitions before an upload has failed")
-    backoff_min_s: float = parameter(0.2, unit="s", above=0.0, help="first wait before the endpoint is reopened")
+    backoff_min_s: float = parameter(
+        0.2, unit="s", above=0.0, high=3600.0, help="first wait before the endpoint is reopened"
+    )
     backoff_max_s: float = parameter(
-        10.0, unit="s", above=0.0, help="longest wait; each failure doubles the wait up to it"
+        10.0, unit="s", above=0.0, high=3600.0, help="longest wait; each failure doubles the wait up to it"
     )
 
     def __post_init__(self) -> None:

@@ -26,10 +26,10 @@ class UntilConfig:
         help="end early with this share found: length / (length + expected undiscovered)",
     )
     undiscovered_m: float | None = parameter(
-        None, unit="m", above=0.0, help="and with this 95 % limit of the length undiscovered"
+        None, unit="m", above=0.0, high=1e6, help="and with this 95 % limit of the length undiscovered"
     )
     deviation_m: float | None = parameter(
-        None, unit="m", above=0.0, help="and with 95 % of the line found expected within this"
+        None, unit="m", above=0.0, high=1e3, help="and with 95 % of the line found expected within this"
     )
 
     @property
@@ -78,7 +78,7 @@ class MissionConfig:
 class MotionConfig:
     """Motion primitives (paper, section 4): an arc at the turning radius, then a straight."""
 
-    turn_radius_m: float = parameter(15.0, unit="m", above=0.0, help="turning radius (paper: r)")
+    turn_radius_m: float = parameter(15.0, unit="m", above=0.0, high=1e3, help="turning radius (paper: r)")
     theta_max_deg: float = parameter(
         90.0, unit="deg", above=0.0, high=180.0, help="largest heading change (paper: theta_max)"
     )

@@ -51,10 +51,14 @@ class ModemConfig:
         0.5, unit="s", above=0.0, high=60.0, help="largest accepted difference between the clocks of modem and host"
     )
     clock_period_s: float = parameter(
-        10.0, unit="s", low=1.0, help="time between clock checks, which also show that the modem is alive"
+        10.0, unit="s", low=1.0, high=3600.0, help="time between clock checks, which also show that the modem is alive"
     )
     reply_timeout_s: float = parameter(
-        2.0, unit="s", above=0.0, help="longest wait for the modem's reply to a command, before it is repeated"
+        2.0,
+        unit="s",
+        above=0.0,
+        high=600.0,
+        help="longest wait for the modem's reply to a command, before it is repeated",
     )
     retries: int = parameter(
         3, low=0, high=100, help="repetitions of an unanswered command before the connection is reopened"
@@ -63,15 +67,24 @@ class ModemConfig:
         2.0,
         unit="s",
         above=0.0,
+        high=600.0,
         help="a packet whose transmission has not started after this time is dropped: its slot is over",
     )
-    transmit_timeout_s: float = parameter(8.0, unit="s", above=0.0, help="longest duration of a transmission")
-    receive_timeout_s: float = parameter(
-        10.0, unit="s", above=0.0, help="a reception without statistics is closed this long after its last sentence"
+    transmit_timeout_s: float = parameter(
+        8.0, unit="s", above=0.0, high=600.0, help="longest duration of a transmission"
     )
-    backoff_min_s: float = parameter(0.2, unit="s", above=0.0, help="first wait before the port is reopened")
+    receive_timeout_s: float = parameter(
+        10.0,
+        unit="s",
+        above=0.0,
+        high=600.0,
+        help="a reception without statistics is closed this long after its last sentence",
+    )
+    backoff_min_s: float = parameter(
+        0.2, unit="s", above=0.0, high=3600.0, help="first wait before the port is reopened"
+    )
     backoff_max_s: float = parameter(
-        10.0, unit="s", above=0.0, help="longest wait; each failure doubles the wait up to it"
+        10.0, unit="s", above=0.0, high=3600.0, help="longest wait; each failure doubles the wait up to it"
     )
     settings: dict[str, int] = parameter(
         {}, help="further modem settings (NVRAM) by name, such as BND: 0; each is sent and its reply checked"

@@ -55,7 +55,9 @@ class PlannerConfig:
         "collect",
     )
     horizon: FromMethod[int] = from_method(3, low=1, high=200, help="planned legs (paper: m)")
-    iterations: FromMethod[int] = from_method(100, low=1, help="tree search iterations for each decision")
+    iterations: FromMethod[int] = from_method(
+        100, low=1, high=1_000_000, help="tree search iterations for each decision"
+    )
     augmented: FromMethod[bool] = from_method(
         True, help="continue the plan to the mission's end with a naive path (paper: augmented)"
     )
@@ -64,17 +66,22 @@ class PlannerConfig:
     )
     incumbent: FromMethod[bool] = from_method(True, help="keep the last plan unless the new one has a higher value")
     exploration: FromMethod[float] = from_method(
-        0.2, low=0.0, help="exploration constant of UCT, for values scaled to 0..1"
+        0.2, low=0.0, high=1e3, help="exploration constant of UCT, for values scaled to 0..1"
     )
     samples_per_leg: int = parameter(1, low=1, high=20, help="locations along each leg at which the reward is computed")
-    lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
-    map_spacing_m: float = parameter(
-        20.0, unit="m", above=0.0, help="spacing of the positions over which the risk is summed"
+    lane_spacing_m: float = parameter(
+        60.0, unit="m", above=0.0, high=10e3, help="distance between the lanes of a lawnmower"
     )
-    anytime_weight: float = parameter(1.0, low=0.0, help="method tour: additional weight of an early drop of risk")
+    map_spacing_m: float = parameter(
+        20.0, unit="m", above=0.0, high=10e3, help="spacing of the positions over which the risk is summed"
+    )
+    anytime_weight: float = parameter(
+        1.0, low=0.0, high=1e6, help="method tour: additional weight of an early drop of risk"
+    )
     own_share: float = parameter(
         1.0,
         low=0.0,
+        high=1e6,
         help="method tour: weight of the benefit at the next legs' positions",
     )
     tour_interval: FromMethod[int] = from_method(
@@ -84,18 +91,26 @@ class PlannerConfig:
         2.0,
         unit="s",
         low=0.0,
+        high=3600.0,
         help="wall-clock limit for a decision; 2.5 times as long for the first; 0: none; ignored in lockstep",
     )
     replan_lead_s: float = parameter(
-        4.0, unit="s", low=0.0, help="time before a leg's end at which the next leg is planned"
+        4.0, unit="s", low=0.0, high=3600.0, help="time before a leg's end at which the next leg is planned"
     )
-    plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is discarded")
-    odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry above which planning stops")
-    map_timeout_s: float = parameter(60.0, unit="s", above=0.0, help="age of the map above which it is a problem")
+    plan_expiry_s: float = parameter(
+        600.0, unit="s", above=0.0, high=1e6, help="age at which a team mate's plan is discarded"
+    )
+    odometry_timeout_s: float = parameter(
+        10.0, unit="s", above=0.0, high=1e6, help="age of odometry above which planning stops"
+    )
+    map_timeout_s: float = parameter(
+        60.0, unit="s", above=0.0, high=1e6, help="age of the map above which it is a problem"
+    )
     reanchor_m: float = parameter(
         10.0,
         unit="m",
         above=0.0,
+        high=10e3,
         help="distance from the planned leg beyond which planning starts at the vehicle's position",
     )
 

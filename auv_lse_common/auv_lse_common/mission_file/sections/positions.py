@@ -21,44 +21,62 @@ class PositionsConfig:
     interval_s: float = parameter(
         30.0,
         above=0.0,
+        high=1e6,
         unit="s",
         help="Time between corrections; twice as long once a mission has lasted 24 times `positions.knot_s`, "
         "unless a fix comes",
     )
     moved_m: float = parameter(
-        1.0, low=0.0, unit="m", help="The map's centers follow a correction that moves one of them by more than this"
+        1.0,
+        low=0.0,
+        high=1e3,
+        unit="m",
+        help="The map's centers follow a correction that moves one of them by more than this",
     )
     start_std_m: float = parameter(
-        1.0, above=0.0, unit="m", help="Standard deviation of the dead-reckoned position at the start, each axis (GPS)"
+        1.0,
+        above=0.0,
+        high=10e3,
+        unit="m",
+        help="Standard deviation of the dead-reckoned position at the start, each axis (GPS)",
     )
     heading_std_deg: float = parameter(
         0.71,
         above=0.0,
+        high=180.0,
         unit="deg",
         help="Standard deviation of the heading bias: 0.71 times the compass's",
     )
     harmonic_std_deg: float = parameter(
         0.2,
         above=0.0,
+        high=180.0,
         unit="deg",
         help="Standard deviation of the heading errors proportional to its sine and cosine (iron aboard): what the "
         "vehicle's filter leaves of them",
     )
     scale_std: float = parameter(0.003, above=0.0, high=0.5, help="Standard deviation of the DVL's scale error")
     heading_walk_deg_rth: float = parameter(
-        0.5, low=0.0, unit="deg/sqrt(h)", help="Random walk of the heading error; 0: none"
+        0.5, low=0.0, high=1e3, unit="deg/sqrt(h)", help="Random walk of the heading error; 0: none"
     )
     position_walk_m_rts: float = parameter(
-        0.1, low=0.0, unit="m/sqrt(s)", help="Random walk of the dead-reckoned position in addition; 0: none"
+        0.1,
+        low=0.0,
+        high=100.0,
+        unit="m/sqrt(s)",
+        help="Random walk of the dead-reckoned position in addition; 0: none",
     )
-    knot_s: float = parameter(200.0, above=0.0, unit="s", help="Time between the knots of these two walks")
+    knot_s: float = parameter(200.0, above=0.0, high=1e6, unit="s", help="Time between the knots of these two walks")
     fix_std_m: float = parameter(
         1.0,
         above=0.0,
+        high=10e3,
         unit="m",
         help="Standard deviation of a position fix, each axis; a surfacing counts as one",
     )
-    range_std_m: float = parameter(1.0, above=0.0, unit="m", help="Standard deviation of a range between vehicles")
+    range_std_m: float = parameter(
+        1.0, above=0.0, high=10e3, unit="m", help="Standard deviation of a range between vehicles"
+    )
     clock_std_s: float = parameter(
         1e-3, above=0.0, high=10.0, unit="s", help="Standard deviation of a vehicle's clock error at the start"
     )

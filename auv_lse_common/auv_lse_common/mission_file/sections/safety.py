@@ -2,6 +2,7 @@
 
 from auv_lse_common.mission_file.parameters import configuration, parameter
 from auv_lse_common.vocabulary.mission_run import STOPS
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 
 RESPONSES = ("warn", "hold", "surface", "abort")
 #: Responses to a vehicle that is too near to the ground.
@@ -13,10 +14,12 @@ class SafetyConfig:
     """Safety limits of one vehicle, and the responses."""
 
     max_depth_m: float | None = parameter(
-        None, unit="m", above=0.0, help="largest depth of the vehicle; left out: vehicle.depth_m + 5 m"
+        None, unit="m", above=0.0, high=DEEPEST_M, help="largest depth of the vehicle; left out: vehicle.depth_m + 5 m"
     )
     depth_response: str = parameter("surface", choices=RESPONSES, help="response below max_depth_m")
-    min_altitude_m: float = parameter(1.0, unit="m", low=0.0, help="smallest height above the ground; 0: not watched")
+    min_altitude_m: float = parameter(
+        1.0, unit="m", low=0.0, high=100.0, help="smallest height above the ground; 0: not watched"
+    )
     altitude_response: str = parameter(
         "climb",
         choices=ALTITUDE_RESPONSES,
@@ -27,13 +30,18 @@ class SafetyConfig:
         150.0,
         unit="m",
         low=0.0,
+        high=100e3,
         help="how far outside area.polygon_m a vehicle may be once it has been inside, and a waypoint at any time",
     )
     fence_response: str = parameter("surface", choices=RESPONSES, help="response outside the fence")
-    odometry_age_s: float = parameter(30.0, unit="s", above=0.0, help="longest time without usable odometry")
+    odometry_age_s: float = parameter(30.0, unit="s", above=0.0, high=1e6, help="longest time without usable odometry")
     odometry_response: str = parameter("surface", choices=RESPONSES, help="response to missing odometry")
     link_age_s: float = parameter(
-        30.0, unit="s", above=0.0, help="longest time without a heartbeat of the autopilot, after the first one"
+        30.0,
+        unit="s",
+        above=0.0,
+        high=1e6,
+        help="longest time without a heartbeat of the autopilot, after the first one",
     )
     link_response: str = parameter("hold", choices=RESPONSES, help="response to a lost autopilot, once it is back")
     autopilot_response: str = parameter(
@@ -52,11 +60,15 @@ class SafetyConfig:
     )
     leak_response: str = parameter("abort", choices=RESPONSES, help="response to a leak that the autopilot reports")
     mission_time_s: float = parameter(
-        0.0, unit="s", low=0.0, help="longest running time of the mission, without holds; 0: not watched"
+        0.0, unit="s", low=0.0, high=1e8, help="longest running time of the mission, without holds; 0: not watched"
     )
     mission_time_response: str = parameter("abort", choices=RESPONSES, help="response after mission_time_s")
     patience_s: float = parameter(
-        3.0, unit="s", low=0.0, help="how long a limit must be exceeded before the response; the warning comes at once"
+        3.0,
+        unit="s",
+        low=0.0,
+        high=3600.0,
+        help="how long a limit must be exceeded before the response; the warning comes at once",
     )
     state_copies: str = parameter(
         "",

@@ -34,7 +34,7 @@ class NavigationConfig:
 class SimConfig:
     """The simulator. `ideal: true` makes a part perfect; here it makes all parts perfect."""
 
-    tick_s: float = parameter(1.0, above=0.0, high=10.0, unit="s", help="time step of the engine")
+    tick_s: float = parameter(1.0, low=0.01, high=10.0, unit="s", help="time step of the engine")
     lockstep: bool = parameter(
         True, help="each tick waits for every vehicle's decision: repeatable, and as fast as the machine allows"
     )

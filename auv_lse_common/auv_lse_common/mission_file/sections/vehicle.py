@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from auv_lse_common.mission_file.parameters import ParameterError, configuration, merge, parameter
 from auv_lse_common.mission_file.sections.area import metres_only
 from auv_lse_common.vocabulary.mission_run import STOPS, Stop
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 
 #: Default of `vehicle.surfacings` if a fix can improve the map.
 MAX_SURFACINGS = 2
@@ -36,19 +38,23 @@ class VehicleConfig:
         3.0,
         unit="m",
         low=0.0,
+        high=DEEPEST_M,
         help="travel depth below the surface; by default 3, 4 and 5 m, cyclically by vehicle number",
     )
-    speed_mps: float = parameter(1.5, unit="m/s", above=0.0, help="speed through the water")
-    start_north_m: float = parameter(0.0, unit="m", help="north of the start")
-    start_east_m: float = parameter(0.0, unit="m", help="east of the start")
+    speed_mps: float = parameter(1.5, unit="m/s", above=0.0, high=30.0, help="speed through the water")
+    start_north_m: float = parameter(0.0, low=-1e7, high=1e7, unit="m", help="north of the start")
+    start_east_m: float = parameter(0.0, low=-1e7, high=1e7, unit="m", help="east of the start")
     start_deg: tuple[float, ...] = parameter(
         (), unit="deg", help="instead of start_north_m, start_east_m: latitude, longitude of the start"
     )
-    start_heading_rad: float = parameter(0.0, unit="rad", help="heading at the start, clockwise from north")
+    start_heading_rad: float = parameter(
+        0.0, low=-2.0 * math.pi, high=2.0 * math.pi, unit="rad", help="heading at the start, clockwise from north"
+    )
     start_delay_s: float = parameter(
         0.0,
         unit="s",
         low=0.0,
+        high=1e6,
         help="time of departure on the simulator's clock; no effect on a real vehicle, whose clock is UTC",
     )
     start: str = parameter(
@@ -61,8 +67,10 @@ class VehicleConfig:
     at_end: str = parameter(
         "hold", choices=tuple(STOPS), help="action after the last leg; go_to leads to recovery_north_m, recovery_east_m"
     )
-    recovery_north_m: float | None = parameter(None, unit="m", help="north of the recovery position")
-    recovery_east_m: float | None = parameter(None, unit="m", help="east of the recovery position")
+    recovery_north_m: float | None = parameter(
+        None, low=-1e7, high=1e7, unit="m", help="north of the recovery position"
+    )
+    recovery_east_m: float | None = parameter(None, low=-1e7, high=1e7, unit="m", help="east of the recovery position")
     recovery_deg: tuple[float, ...] = parameter(
         (),
         unit="deg",
@@ -72,6 +80,7 @@ class VehicleConfig:
         None,
         unit="km",
         above=0.0,
+        high=1e5,
         help="range of a full battery, as in the reports of dives; left out: learned under way, unknown to "
         "check and GO",
     )
@@ -87,6 +96,7 @@ class VehicleConfig:
         60.0,
         unit="s",
         above=0.0,
+        high=86400.0,
         help="duration of a surfacing: stop, climb, fix, dive; the mission loses the legs that fit into this time",
     )
     min_altitude_m: float = parameter(
@@ -101,6 +111,7 @@ class VehicleConfig:
         3.0,
         unit="m",
         low=0.0,
+        high=1e3,
         help="smallest water depth below the vehicle: it avoids ground that the map shows as shallower than depth_m "
         "plus this value; with min_altitude_m, ground over which it cannot climb enough",
     )

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from auv_lse_common.mission_file.parameters import configuration, parameter
 from auv_lse_common.vocabulary.extent import Extent
+from auv_lse_common.vocabulary.sounding import DEEPEST_M
 
 _IDEAL = "true: this part is perfect, whatever its other parameters"
 
@@ -50,7 +51,7 @@ class DynamicsConfig:
         0.05, low=0.0, high=1.0, unit="m", help="standard deviation of the depth control error"
     )
     depth_wobble_time_s: float = parameter(
-        10.0, above=0.0, unit="s", help="correlation time of the depth control error"
+        10.0, above=0.0, high=1e6, unit="s", help="correlation time of the depth control error"
     )
 
 
@@ -63,10 +64,10 @@ class CurrentConfig:
     east_mps: float = parameter(0.0, low=-3.0, high=3.0, unit="m/s", help="mean current, east")
     tide_mps: float = parameter(0.0, low=0.0, high=3.0, unit="m/s", help="amplitude of the tidal current")
     tide_heading_deg: float = parameter(0.0, low=-360.0, high=360.0, unit="deg", help="direction of the flood current")
-    tide_period_s: float = parameter(44_714.0, above=0.0, unit="s", help="period of the tide (M2: 12.42 h)")
+    tide_period_s: float = parameter(44_714.0, above=0.0, high=1e8, unit="s", help="period of the tide (M2: 12.42 h)")
     tide_phase_deg: float = parameter(0.0, low=-360.0, high=360.0, unit="deg", help="phase at the mission's start")
     random_mps: float = parameter(0.02, low=0.0, high=1.0, unit="m/s", help="standard deviation of the random part")
-    random_time_s: float = parameter(300.0, above=0.0, unit="s", help="its correlation time")
+    random_time_s: float = parameter(300.0, above=0.0, high=1e6, unit="s", help="its correlation time")
 
 
 @configuration
@@ -74,9 +75,13 @@ class GyroConfig:
     """Vertical gyro."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    noise_deg_rth: float = parameter(0.15, low=0.0, unit="deg/sqrt(h)", help="angle random walk")
-    bias_deg_h: float = parameter(5.0, low=0.0, unit="deg/h", help="standard deviation of the bias from run to run")
-    bias_walk_deg_h_rth: float = parameter(1.0, low=0.0, unit="deg/h/sqrt(h)", help="random walk of the bias")
+    noise_deg_rth: float = parameter(0.15, low=0.0, high=1e3, unit="deg/sqrt(h)", help="angle random walk")
+    bias_deg_h: float = parameter(
+        5.0, low=0.0, high=36e3, unit="deg/h", help="standard deviation of the bias from run to run"
+    )
+    bias_walk_deg_h_rth: float = parameter(
+        1.0, low=0.0, high=36e3, unit="deg/h/sqrt(h)", help="random walk of the bias"
+    )
 
 
 @configuration
@@ -84,16 +89,21 @@ class CompassConfig:
     """Heading reference (magnetic compass or AHRS), including its misalignment to the DVL."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    bias_deg: float = parameter(1.0, low=0.0, unit="deg", help="standard deviation of the heading bias from run to run")
-    bias_walk_deg_rth: float = parameter(0.3, low=0.0, unit="deg/sqrt(h)", help="random walk of the heading bias")
+    bias_deg: float = parameter(
+        1.0, low=0.0, high=180.0, unit="deg", help="standard deviation of the heading bias from run to run"
+    )
+    bias_walk_deg_rth: float = parameter(
+        0.3, low=0.0, high=180.0, unit="deg/sqrt(h)", help="random walk of the heading bias"
+    )
     harmonic_deg: float = parameter(
         1.0,
         low=0.0,
+        high=180.0,
         unit="deg",
         help="heading-dependent error a sin h + b cos h: standard deviation of a and of b from run to run",
     )
-    noise_deg: float = parameter(0.5, low=0.0, unit="deg", help="standard deviation of one reading")
-    interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between readings")
+    noise_deg: float = parameter(0.5, low=0.0, high=180.0, unit="deg", help="standard deviation of one reading")
+    interval_s: float = parameter(1.0, above=0.0, high=3600.0, unit="s", help="time between readings")
 
 
 @configuration
@@ -105,17 +115,23 @@ class DvlConfig:
     scale: float = parameter(
         0.003, low=0.0, high=0.1, help="standard deviation of the relative scale error from run to run"
     )
-    noise_mps: float = parameter(0.01, low=0.0, unit="m/s", help="standard deviation of one velocity, each axis")
+    noise_mps: float = parameter(
+        0.01, low=0.0, high=10.0, unit="m/s", help="standard deviation of one velocity, each axis"
+    )
     outlier_share: float = parameter(0.001, low=0.0, high=0.5, help="fraction of pings with a wrong velocity")
-    outlier_mps: float = parameter(0.5, low=0.0, unit="m/s", help="standard deviation of a wrong velocity's error")
-    dropouts_per_h: float = parameter(30.0, low=0.0, unit="1/h", help="rate of short gaps without pings")
-    dropout_min_s: float = parameter(0.5, low=0.0, unit="s", help="shortest gap")
-    dropout_max_s: float = parameter(2.0, low=0.0, unit="s", help="longest gap")
-    lock_losses_per_h: float = parameter(2.0, low=0.0, unit="1/h", help="rate of bottom lock losses")
-    lock_loss_min_s: float = parameter(5.0, low=0.0, unit="s", help="shortest lock loss")
-    lock_loss_max_s: float = parameter(20.0, low=0.0, unit="s", help="longest lock loss")
-    min_altitude_m: float = parameter(0.3, low=0.0, unit="m", help="smallest altitude with bottom lock")
-    max_altitude_m: float = parameter(60.0, above=0.0, unit="m", help="largest altitude with bottom lock")
+    outlier_mps: float = parameter(
+        0.5, low=0.0, high=100.0, unit="m/s", help="standard deviation of a wrong velocity's error"
+    )
+    dropouts_per_h: float = parameter(30.0, low=0.0, high=3600.0, unit="1/h", help="rate of short gaps without pings")
+    dropout_min_s: float = parameter(0.5, low=0.0, high=3600.0, unit="s", help="shortest gap")
+    dropout_max_s: float = parameter(2.0, low=0.0, high=3600.0, unit="s", help="longest gap")
+    lock_losses_per_h: float = parameter(2.0, low=0.0, high=3600.0, unit="1/h", help="rate of bottom lock losses")
+    lock_loss_min_s: float = parameter(5.0, low=0.0, high=86400.0, unit="s", help="shortest lock loss")
+    lock_loss_max_s: float = parameter(20.0, low=0.0, high=86400.0, unit="s", help="longest lock loss")
+    min_altitude_m: float = parameter(0.3, low=0.0, high=1e3, unit="m", help="smallest altitude with bottom lock")
+    max_altitude_m: float = parameter(
+        60.0, above=0.0, high=DEEPEST_M, unit="m", help="largest altitude with bottom lock"
+    )
 
     def __post_init__(self) -> None:
         """Rejects limits in the wrong order."""
@@ -135,13 +151,19 @@ class AltimeterConfig:
     """Altitude measured by a ping, and how pings become soundings."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    noise_m: float = parameter(0.012, low=0.0, unit="m", help="standard deviation of one altitude")
+    noise_m: float = parameter(0.012, low=0.0, high=100.0, unit="m", help="standard deviation of one altitude")
     outlier_share: float = parameter(0.002, low=0.0, high=0.5, help="fraction of pings with a wrong altitude")
-    outlier_m: float = parameter(4.0, low=0.0, unit="m", help="mean size of a wrong altitude's error (fish, multipath)")
-    sounding_every_s: float = parameter(
-        1.0, low=0.0, unit="s", help="one sounding is the median of the pings in this time; 0: every ping is a sounding"
+    outlier_m: float = parameter(
+        4.0, low=0.0, high=1e3, unit="m", help="mean size of a wrong altitude's error (fish, multipath)"
     )
-    least_pings: int = parameter(3, low=1, help="least pings for a sounding")
+    sounding_every_s: float = parameter(
+        1.0,
+        low=0.0,
+        high=3600.0,
+        unit="s",
+        help="one sounding is the median of the pings in this time; 0: every ping is a sounding",
+    )
+    least_pings: int = parameter(3, low=1, high=1_000, help="least pings for a sounding")
 
 
 @configuration
@@ -149,8 +171,10 @@ class PressureConfig:
     """Depth of the vehicle from pressure."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    noise_m: float = parameter(0.01, low=0.0, unit="m", help="standard deviation of one reading")
-    bias_m: float = parameter(0.03, low=0.0, unit="m", help="standard deviation of the offset from run to run")
+    noise_m: float = parameter(0.01, low=0.0, high=100.0, unit="m", help="standard deviation of one reading")
+    bias_m: float = parameter(
+        0.03, low=0.0, high=100.0, unit="m", help="standard deviation of the offset from run to run"
+    )
 
 
 @configuration
@@ -186,18 +210,23 @@ class GpsConfig:
     """GPS fixes, at the surface only."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    noise_m: float = parameter(1.0, low=0.0, unit="m", help="standard deviation of a reading, each axis")
+    noise_m: float = parameter(1.0, low=0.0, high=1e3, unit="m", help="standard deviation of a reading, each axis")
     correlation_s: float = parameter(
-        20.0, low=0.0, unit="s", help="correlation time of the error; 0: readings are independent"
+        20.0, low=0.0, high=1e6, unit="s", help="correlation time of the error; 0: readings are independent"
     )
-    interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between readings")
-    antenna_m: float = parameter(0.3, low=0.0, unit="m", help="depth above which the antenna receives")
+    interval_s: float = parameter(1.0, above=0.0, high=3600.0, unit="s", help="time between readings")
+    antenna_m: float = parameter(0.3, low=0.0, high=100.0, unit="m", help="depth above which the antenna receives")
     surface_every_s: float = parameter(
-        0.0, low=0.0, unit="s", help="time under way between surfacings that are not planned; 0: planned ones only"
+        0.0,
+        low=0.0,
+        high=1e6,
+        unit="s",
+        help="time under way between surfacings that are not planned; 0: planned ones only",
     )
     surface_s: float = parameter(
         30.0,
         above=0.0,
+        high=86400.0,
         unit="s",
         help="time at the surface; the vehicle stops from the climb to the dive",
     )
@@ -208,15 +237,19 @@ class RangingConfig:
     """Travel times of packets, measured with the modems' clocks."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    noise_s: float = parameter(0.5e-3, low=0.0, unit="s", help="standard deviation of one travel time")
+    noise_s: float = parameter(0.5e-3, low=0.0, high=1.0, unit="s", help="standard deviation of one travel time")
     echo_share: float = parameter(
         0.02, low=0.0, high=1.0, help="fraction of packets whose echo is timed instead of the direct path"
     )
-    echo_s: float = parameter(0.02, low=0.0, unit="s", help="mean delay of an echo, exponentially distributed")
-    clock_offset_s: float = parameter(
-        1e-3, low=0.0, unit="s", help="standard deviation of a vehicle's clock error at the start"
+    echo_s: float = parameter(
+        0.02, low=0.0, high=10.0, unit="s", help="mean delay of an echo, exponentially distributed"
     )
-    clock_drift_ppm: float = parameter(1.0, low=0.0, unit="ppm", help="standard deviation of a clock's rate error")
+    clock_offset_s: float = parameter(
+        1e-3, low=0.0, high=10.0, unit="s", help="standard deviation of a vehicle's clock error at the start"
+    )
+    clock_drift_ppm: float = parameter(
+        1.0, low=0.0, high=1e4, unit="ppm", help="standard deviation of a clock's rate error"
+    )
     sound_speed_error: float = parameter(
         0.003, low=0.0, high=0.1, help="relative standard deviation of the true speed of sound about the channel's"
     )
@@ -235,9 +268,11 @@ class BathymetryConfig:
         5.0, above=0.0, high=500.0, unit="m", help="node spacing to which soundings are gridded"
     )
     max_gap_m: float = parameter(
-        60.0, above=0.0, unit="m", help="ground farther than this from the nearest sounding is unknown"
+        60.0, above=0.0, high=1e6, unit="m", help="ground farther than this from the nearest sounding is unknown"
     )
-    smoothing_m: float = parameter(5.0, low=0.0, unit="m", help="Gaussian smoothing of gridded soundings; 0: none")
+    smoothing_m: float = parameter(
+        5.0, low=0.0, high=10e3, unit="m", help="Gaussian smoothing of gridded soundings; 0: none"
+    )
     depth_sign: str = parameter("auto", choices=("auto", "down", "up"), help="direction of positive depth values")
     water_level_m: float | None = parameter(
         None,
@@ -261,9 +296,11 @@ class LakeConfig:
     seed: int = parameter(-1, low=-1, help="which lake of the family; -1: the mission's seed")
     deepest_m: float = parameter(35.0, above=0.0, high=1000.0, unit="m", help="depth of the valley floor")
     terrace_m: float = parameter(
-        10.0, low=0.0, unit="m", help="depth of the old flood plain inside the window; 0 lets islands emerge"
+        10.0, low=0.0, high=1e3, unit="m", help="depth of the old flood plain inside the window; 0 lets islands emerge"
     )
-    level_m: float = parameter(15.0, above=0.0, unit="m", help="depth of the isobath that the lake is designed for")
+    level_m: float = parameter(
+        15.0, above=0.0, high=1e3, unit="m", help="depth of the isobath that the lake is designed for"
+    )
     deep_share_low: float = parameter(
         0.4, above=0.0, high=0.75, help="least fraction of the window deeper than level_m"
     )
@@ -274,16 +311,30 @@ class LakeConfig:
     inlets: int = parameter(4, low=0, high=12, help="side valleys")
     steepness: float = parameter(1.0, above=0.0, high=10.0, help="slopes relative to the default lake's")
     roughness_m: float = parameter(0.7, low=0.0, high=5.0, unit="m", help="standard deviation of the small relief")
-    roughness_scale_m: float = parameter(60.0, low=5.0, unit="m", help="length scale of the small relief")
-    north_m: float | None = parameter(None, unit="m", help="north of the window's center; default: the area's")
-    east_m: float | None = parameter(None, unit="m", help="east of the window's center; default: the area's")
+    roughness_scale_m: float = parameter(60.0, low=5.0, high=100e3, unit="m", help="length scale of the small relief")
+    north_m: float | None = parameter(
+        None, low=-1e7, high=1e7, unit="m", help="north of the window's center; default: the area's"
+    )
+    east_m: float | None = parameter(
+        None, low=-1e7, high=1e7, unit="m", help="east of the window's center; default: the area's"
+    )
     height_m: float | None = parameter(
-        None, low=100.0, unit="m", help="the window's length to the north; default: the area's, 600 to 5000 m"
+        None,
+        low=100.0,
+        high=100e3,
+        unit="m",
+        help="the window's length to the north; default: the area's, 600 to 5000 m",
     )
     width_m: float | None = parameter(
-        None, low=100.0, unit="m", help="the window's length to the east; default: the area's, 700 to 5000 m"
+        None,
+        low=100.0,
+        high=100e3,
+        unit="m",
+        help="the window's length to the east; default: the area's, 700 to 5000 m",
     )
-    shore_m: float = parameter(150.0, low=20.0, unit="m", help="width of the banks around the window, up to land")
+    shore_m: float = parameter(
+        150.0, low=20.0, high=10e3, unit="m", help="width of the banks around the window, up to land"
+    )
 
     def __post_init__(self) -> None:
         """Rejects depths and shares in the wrong order."""
