@@ -113,7 +113,7 @@ def test_every_parameter_has_a_description(make: Callable[[str], BaseNode]) -> N
         described = node.describe_parameter(name)
         assert described.description, name
         assert described.read_only == (name not in TUNABLE), name
-    assert node.describe_parameter("planner.iterations").additional_constraints == ">= 1"
+    assert node.describe_parameter("planner.iterations").additional_constraints == "at least 1"
     assert node.describe_parameter("planner.deadline_s").description.endswith("[s]")
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M
+from auv_lse_common.mission_file.sections.table import VehicleSections
+from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M, SHALLOWEST_M
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.leg import arc_stray_m, corner_stray_m
 from auv_lse_planner.paths.motion import MotionTable
@@ -21,6 +22,12 @@ from auv_lse_sim.ground.reach import clip_to_reachable
 #: Parameters of the operating area in local coordinates.
 _SHAPE = ("area.polygon_m", "area.no_go", "area.margin_m", "area.raster_m")
 _START = ("vehicle.start_north_m", "vehicle.start_east_m", "vehicle.start_heading_rad")
+#: Parameters of a vehicle's depth and of the water below it.
+_DEPTHS = (
+    "level_set.level_m",
+    *(f"vehicle.{name}" for name in ("depth_m", "min_water_m", "min_altitude_m")),
+    *(f"safety.{name}" for name in ("max_depth_m", "depth_response", "min_altitude_m", "altitude_response")),
+)
 
 
 def check_geometry(settings: Settings, findings: Findings) -> Settings:
@@ -199,16 +206,34 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
                 f"{'are' if len(close_m) > 1 else 'each is'} too close, because only depth keeps vehicles apart; use a "
                 f"difference of at least {LEAST_SEPARATION_M:g} m"
             )
-    level = settings.level_set.level_m
-    for number, vehicle in numbered:
-        needed = vehicle.depth_m + vehicle.min_water_m
-        depths = ("level_set.level_m", "vehicle.depth_m", "vehicle.min_water_m")
-        if needed >= level and findings.usable(*depths, vehicle=number):
-            findings.warning(
-                f"auv{number}: vehicle.depth_m {vehicle.depth_m:g} + min_water_m {vehicle.min_water_m:g} = "
-                f"{needed:g} m of water are too much to cross the isobath; stay below level_set.level_m "
-                f"({level:g} m)"
-            )
+    for number, own in enumerate(settings.vehicles, 1):
+        _check_own_depth(number, own, settings.level_set.level_m, findings)
+
+
+def _check_own_depth(number: int, own: VehicleSections, level_m: float, findings: Findings) -> None:
+    """Compares a vehicle's depth with its limits, and the water that it needs with the isobath's depth."""
+    if not findings.usable(*_DEPTHS, vehicle=number):
+        return
+    vehicle, safety = own.vehicle, own.safety
+    deepest_m = safety.deepest_m(vehicle.depth_m)
+    if deepest_m <= vehicle.depth_m:
+        (findings.warning if safety.depth_response == "warn" else findings.error)(
+            f"auv{number}: safety.max_depth_m {deepest_m:g} is not deeper than vehicle.depth_m {vehicle.depth_m:g}, "
+            f"so that the response ({safety.depth_response}) comes at travel depth; choose more, or leave it out"
+        )
+    climbed_m = min(vehicle.depth_m, SHALLOWEST_M)
+    needs = [(vehicle.depth_m, "vehicle.min_water_m", vehicle.min_water_m)]
+    if vehicle.min_altitude_m > 0.0:
+        needs = [(climbed_m, "vehicle.min_altitude_m", vehicle.min_altitude_m)]
+    if safety.altitude_response != "warn":
+        depth_m = climbed_m if safety.altitude_response == "climb" else vehicle.depth_m
+        needs.append((depth_m, "safety.min_altitude_m", safety.min_altitude_m))
+    depth_m, name, below_m = max(needs, key=lambda need: need[0] + need[2])
+    if depth_m + below_m >= level_m:
+        findings.warning(
+            f"auv{number}: a depth of {depth_m:g} + {name} {below_m:g} = {depth_m + below_m:g} m of water are too much "
+            f"to cross the isobath; stay below level_set.level_m ({level_m:g} m)"
+        )
 
 
 def _check_ground(settings: Settings, findings: Findings) -> Settings:

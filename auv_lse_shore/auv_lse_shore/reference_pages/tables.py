@@ -120,8 +120,12 @@ def _shown(value: Any) -> str:
 
 
 def _limits(allowed: str) -> str:
-    """A range as it is, or the choices."""
-    return f"of `{allowed.replace(', ', '|')}`" if ", " in allowed else allowed
+    """A range without blanks, as 0..1 or >0..1, or the choices."""
+    if ", " in allowed:
+        return f"of `{allowed.replace(', ', '|')}`"
+    for words, sign in ((" to ", ".."), (" and at most ", ".."), ("above ", ">"), ("at least ", ">=")):
+        allowed = allowed.replace(words, sign)
+    return allowed
 
 
 def parameters() -> str:

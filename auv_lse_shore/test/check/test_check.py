@@ -228,6 +228,20 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
         ),
         (
             {},
+            {"safety": {"max_depth_m": 4.0}},
+            "error",
+            r"auv2: safety.max_depth_m 4 is not deeper than vehicle.depth_m 4, so that the response \(surface\)",
+        ),
+        ({}, {"safety": {"max_depth_m": 2.0, "depth_response": "warn"}}, "warning", "auv2: safety.max_depth_m 2 is"),
+        ({}, {"safety": {"min_altitude_m": 14.0}}, "warning", r"auv2: a depth of 1 \+ safety.min_altitude_m 14 = 15 m"),
+        (
+            {},
+            {"safety": {"min_altitude_m": 11.0, "altitude_response": "hold"}},
+            "warning",
+            r"auv2: a depth of 4 \+ safety.min_altitude_m 11 = 15 m of water are too much",
+        ),
+        (
+            {},
             {"vehicle": {"speed_mps": 3.1}},
             "warning",
             r"auv2 \(3.1 m/s\) is more than 2 times as fast as auv1, auv3",

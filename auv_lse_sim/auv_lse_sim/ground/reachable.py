@@ -90,7 +90,10 @@ def _widened(mask: Mask, inside: Mask, nodes: int) -> Mask:
     """The mask and what lies within that many nodes of it, along ways inside."""
     cross, square = ndimage.generate_binary_structure(2, 1), np.ones((3, 3), dtype=bool)
     for i in range(nodes):  # alternating: an octagon, close to a circle
-        mask = ndimage.binary_dilation(mask, cross if i % 2 else square, mask=inside)
+        wider = ndimage.binary_dilation(mask, cross if i % 2 else square, mask=inside)
+        if i % 2 == 0 and np.array_equal(wider, mask):
+            break  # everything that can be reached
+        mask = wider
     return mask
 
 

@@ -322,8 +322,10 @@ def test_misuse_is_refused() -> None:
     water.transmit(10.0, 1, PAYLOAD, line(0.0, 1.0))
     with pytest.raises(ValueError, match=r"vehicle 1 at 11.0 s: it is still sending"):
         water.transmit(11.0, 1, PAYLOAD, line(0.0, 1.0))
-    with pytest.raises(ValueError, match=r"252 bytes do not fit a packet of rate 1, 3 x 64"):
-        channel(ChannelConfig(rate=1)).transmit(0.0, 1, PAYLOAD, line(0.0, 1.0))
+    with pytest.raises(ValueError, match=r"2520 bytes do not fit a packet of rate 4, \d+ x \d+"):
+        water.transmit(20.0, 1, 10 * PAYLOAD, line(0.0, 1.0))
+    with pytest.raises(ParameterError, match=r"sim.channel.rate must be a whole number from 3 to 5, not 1"):
+        from_mapping(ChannelConfig, {"rate": 1}, "sim.channel")
     with pytest.raises(ParameterError, match=r"sim.channel.blackouts has 3 numbers; give four for each"):
         from_mapping(ChannelConfig, {"blackouts": [1.0, 2.0, 3.0]}, "sim.channel")
     with pytest.raises(

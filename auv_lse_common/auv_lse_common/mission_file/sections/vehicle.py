@@ -41,7 +41,7 @@ class VehicleConfig:
         high=DEEPEST_M,
         help="travel depth below the surface; by default 3, 4 and 5 m, cyclically by vehicle number",
     )
-    speed_mps: float = parameter(1.5, unit="m/s", above=0.0, high=30.0, help="speed through the water")
+    speed_mps: float = parameter(1.5, unit="m/s", low=0.05, high=30.0, help="speed through the water")
     start_north_m: float = parameter(0.0, low=-1e7, high=1e7, unit="m", help="north of the start")
     start_east_m: float = parameter(0.0, low=-1e7, high=1e7, unit="m", help="east of the start")
     start_deg: tuple[float, ...] = parameter(
@@ -54,7 +54,7 @@ class VehicleConfig:
         0.0,
         unit="s",
         low=0.0,
-        high=1e6,
+        high=86400.0,
         help="time of departure on the simulator's clock; no effect on a real vehicle, whose clock is UTC",
     )
     start: str = parameter(

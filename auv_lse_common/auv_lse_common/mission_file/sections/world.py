@@ -171,9 +171,9 @@ class PressureConfig:
     """Depth of the vehicle from pressure."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    noise_m: float = parameter(0.01, low=0.0, high=100.0, unit="m", help="standard deviation of one reading")
+    noise_m: float = parameter(0.01, low=0.0, high=10.0, unit="m", help="standard deviation of one reading")
     bias_m: float = parameter(
-        0.03, low=0.0, high=100.0, unit="m", help="standard deviation of the offset from run to run"
+        0.03, low=0.0, high=10.0, unit="m", help="standard deviation of the offset from run to run"
     )
 
 
@@ -333,7 +333,7 @@ class LakeConfig:
         help="the window's length to the east; default: the area's, 700 to 5000 m",
     )
     shore_m: float = parameter(
-        150.0, low=20.0, high=10e3, unit="m", help="width of the banks around the window, up to land"
+        150.0, low=20.0, high=1e3, unit="m", help="width of the banks around the window, up to land"
     )
 
     def __post_init__(self) -> None:
@@ -390,7 +390,7 @@ class ChannelConfig:
         help="true: all vehicles receive every packet at the end of its transmission, except for packet_loss and "
         "blackouts",
     )
-    rate: int = parameter(4, low=0, high=5, help="Micromodem packet rate; 3 to 5 hold a 252-byte packet")
+    rate: int = parameter(4, low=3, high=5, help="Micromodem packet rate; 3 to 5 hold a 252-byte packet")
     overhead_s: float = parameter(
         0.45, unit="s", low=0.0, high=10.0, help="preamble and header of a transmission, before its data"
     )
