@@ -51,6 +51,8 @@ SETTING_OUT = 5.0
 SETTING_OUT_RATE = 0.3**2
 #: After this many rejected DVL pings in a row the filter accepts the next one: its velocity must be wrong.
 PATIENCE = 8.0
+#: Variance (m^2) of a GPS reading in the filter at least, also of one without an error.
+LEAST_GPS_VARIANCE = 1e-4
 
 # -- modes
 WAITING, ON_RAILS, STEERED, PILOTED = 0.0, 1.0, 2.0, 3.0
@@ -224,7 +226,8 @@ def _take_fix(model: Model, normals: Any) -> None:
     m.gps_error_north = f * m.gps_error_north + white * normals.gps_north
     m.gps_error_east = f * m.gps_error_east + white * normals.gps_east
     north, east = m.north + m.gps_error_north, m.east + m.gps_error_east
-    variance = (1e-4 if ideal else noise * noise) * (1.0 + f) / (1.0 - f)
+    reading = max(noise * noise, LEAST_GPS_VARIANCE)
+    variance = reading * (1.0 + f) / (1.0 - f)
     if m.mode == PILOTED:  # it may move at the surface without a DVL: then the distance since the last one is uncertain
         p = model.estimate.p
         variance += (f / (1.0 - f) * m.gps_age) ** 2 * (p[SURGE, SURGE] + p[SWAY, SWAY])
@@ -235,7 +238,7 @@ def _take_fix(model: Model, normals: Any) -> None:
             model.raw.p[:] = model.estimate.p
         first = m.fix_information == 0.0
         g = 0.0 if first else f
-        weight = 1.0 / (1e-4 if ideal else noise * noise) if first else 1.0 / variance
+        weight = 1.0 / reading if first else 1.0 / variance
         off_north = (north - xr[NORTH] - g * (m.gps_north - m.raw_north_at_gps)) / (1.0 - g)
         off_east = (east - xr[EAST] - g * (m.gps_east - m.raw_east_at_gps)) / (1.0 - g)
         m.fix_information += weight

@@ -119,7 +119,7 @@ def initial_model(vehicle: VehicleConfig, sim: SimConfig, rng: np.random.Generat
     x[HEADING] = wrap(m.heading + heading_std * draws[7])
     m.gps_north, m.gps_east = m.north_at_gps, m.east_at_gps = x[[NORTH, EAST]]
     std = np.zeros(STATES)
-    std[[NORTH, EAST, HEADING, SURGE, SWAY]] = gps, gps, heading_std, 0.01, 0.01
+    std[[NORTH, EAST, HEADING, SURGE, SWAY]] = max(gps, 0.01), max(gps, 0.01), heading_std, 0.01, 0.01
     std[[GYRO_BIAS, COMPASS_BIAS, DVL_SCALE, COMPASS_SIN, COMPASS_COS]] = (
         gyro_bias, compass_bias, scale, harmonic, harmonic,
     )  # fmt: skip

@@ -377,6 +377,18 @@ def test_time_at_the_surface_is_counted_at_the_surface(depth_m):
     assert depths.max() == pytest.approx(depth_m, abs=0.1)
 
 
+def test_a_gps_without_noise_is_believed_at_the_start_and_at_the_surface():
+    dive = Dive(sim_config(gps={"noise_m": 0.0, "surface_every_s": 60.0, "surface_s": 30.0}, compass={"bias_deg": 3.0}))
+    dive.command(STRAIGHT)  # then it circles
+    ups = 0
+    for _ in range(300):
+        dive.tick()
+        if dive.vehicle.position[2] <= 0.0:
+            ups += 1
+            assert np.hypot(*dive.vehicle.error[:2]) < 1.0, "it drifts for at most one second between fixes"
+    assert ups > 20
+
+
 @pytest.mark.parametrize("ideal", [False, True])
 def test_surfacing_costs_its_time(ideal):
     """It stops, climbs 3 m, waits 30 s, dives 3 m at 0.3 m/s, and goes on: 50 s and what stopping and starting take."""
