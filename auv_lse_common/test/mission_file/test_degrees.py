@@ -64,7 +64,7 @@ def test_degrees_are_converted_about_an_origin_on_top_of_the_file(tmp_path):
             "need area.origin_lat_deg and area.origin_lon_deg, .*; give both$",
         ),
         (
-            "{no_go_deg: {pier: [47.3, 8.5, 47.3, 8.6, 47.4, 8.6]}, origin_lat_deg: a}",
+            "{polygon_m: [0.0, 0.0, 9.0, 0.0, 9.0, 9.0], no_go_deg: {a: [1.0, 1.0]}, origin_lat_deg: a}",
             "need area.origin_lat_deg .*; they are 'a' and None$",
         ),
     ],
