@@ -12,6 +12,7 @@ machine.
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import itertools
+import math
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -214,15 +215,17 @@ class Ground:
         return lengths, bends
 
     def _in_sight(self, locations_cm: Ints) -> Mask:
-        """Whether the straight line between two locations stays on free ground, (P, P)."""
+        """Whether the straight line between two locations stays on free ground, (P, P); none is outside the raster."""
         space = self._space
+        raster = np.pad(space.area_raster, 1, constant_values=-math.inf)
         shares = np.linspace(0.0, 1.0, 65)[:, None]
         seen = np.ones((len(locations_cm), len(locations_cm)), dtype=bool)
         for i, location in enumerate(locations_cm):
             line = 0.01 * (location + shares[None] * (locations_cm[:, None] - location))
             row = np.rint((line[..., 0] - space.north0_m) / space.cell_m).astype(np.int64)
             column = np.rint((line[..., 1] - space.east0_m) / space.cell_m).astype(np.int64)
-            seen[i] = (space.area_raster[row, column] >= -0.5 * space.cell_m).all(axis=1)
+            row, column = np.clip(row + 1, 0, len(raster) - 1), np.clip(column + 1, 0, len(raster[0]) - 1)
+            seen[i] = (raster[row, column] >= -0.5 * space.cell_m).all(axis=1)
         return seen & seen.T
 
     def _ways_graph(self) -> coo_array:

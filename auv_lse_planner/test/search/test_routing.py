@@ -72,6 +72,19 @@ def test_ways_lead_around_land():
     assert min(space.clearance_m(*location) for location in dense) > -3.0
 
 
+@pytest.mark.parametrize("start_m", [(-90.0, 200.0), (490.0, 200.0), (200.0, -90.0), (200.0, 490.0), (4e3, -9e3)])
+def test_a_route_from_outside_enters_the_area(start_m):
+    ground = ground_of(SQUARE)
+    start_cm = np.rint(100.0 * np.array(start_m)).astype(np.int64)
+    distance, _ = ground.distances_cm(np.array([start_cm, [20000, 20000], [10000, 30000]]))
+    assert distance[0, 1] >= np.hypot(*(start_cm - 20000)) - 1
+    assert distance[1, 2] == pytest.approx(14142, abs=1)
+    line = route_m(ground, np.array(start_m), np.ones(len(ground.locations_cm)), 9e3 + 4e3, 12)
+    assert line[0] == pytest.approx(start_m, abs=0.01)
+    assert len(line) > 12, "12 nodes and the bends on the way in"
+    assert ((line[1:] > 0.0) & (line[1:] < 400.0)).all()
+
+
 def test_the_graph_of_ways_has_indices_that_every_supported_scipy_reads():
     """SciPy 1.11's dijkstra raises with others: ends of links with 64 bits stopped every planner near land."""
     graph = ground_of(U_SHAPE)._ways_graph()

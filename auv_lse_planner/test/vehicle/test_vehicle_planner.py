@@ -299,6 +299,7 @@ def test_planner_escapes_from_a_corner():
         ("augmented", 900.0, -2000.0, 0.0, 200),
         ("straddle", -700.0, 30.0, 3.1, 200),
         ("tour", -300.0, 30.0, 3.1, 40),
+        ("tour", 600.0, 30.0, 0.0, 40),
     ],
 )
 def test_vehicle_outside_returns_and_reports_it(method, north, east, heading, steps):
