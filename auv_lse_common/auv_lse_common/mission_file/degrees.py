@@ -237,10 +237,10 @@ def _origin(area: Mapping[str, Any], content: AreaContent | None, where: str, ma
         if np.hypot(*local_from_geodetic(content.area[0, 0], content.area[0, 1], *given)) <= FAR_M:
             return given
     if content is None or content.area is None:
-        given = "give both" if origin == (None, None) else f"they are {origin[0]!r} and {origin[1]!r}"
+        now = "give both" if origin == (None, None) else f"they are {origin[0]!r} and {origin[1]!r}"
         raise ParameterError(
             f"{where}: positions in degrees (..._deg) need area.origin_lat_deg and area.origin_lon_deg, the latitude "
-            f"and longitude of north = east = 0; {given}"
+            f"and longitude of north = east = 0; {now}"
         )
     lat, lon = content.area[:, 0], unwrapped_deg(content.area[:, 1])
     middle_deg = float(lon.min() + lon.max()) / 2.0
