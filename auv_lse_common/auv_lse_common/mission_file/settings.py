@@ -20,6 +20,8 @@ from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
 from auv_lse_common.mission_file.goals import finds_method, with_method
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.link import LinkConfig, check_origin
 from auv_lse_common.mission_file.sections.mission import SHARED, MissionConfig, shared_number
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
 from auv_lse_common.mission_file.sections.positions import PositionsConfig, in_force
@@ -105,6 +107,8 @@ class Settings(TeamSections):
             vehicles.append(_vehicle_sections(with_depth(own, number), f"{where} (auv{number})"))
             check_planner(mission, vehicles[-1].planner, f"{where} (auv{number})")
         team: dict[str, Any] = {name: section(kind, for_all, name, where) for name, kind in TEAM_SECTIONS.items()}
+        for number, own_sections in enumerate(vehicles, 1):
+            check_origin(own_sections.link, team["area"], f"{where} (auv{number})")
         has_autopilot = any(own.link.kind == "mavlink" for own in vehicles)
         team["motion"] = team["motion"].with_straight_legs(has_autopilot)  # the same for all: they rebuild plans
         team["sim"] = team["sim"].in_area(team["area"].polygon_m)
@@ -269,6 +273,7 @@ def check_vehicle(patterns: Mapping[str, Mapping[str, Any]], where: str, number:
         for name, kind in SECTIONS.items():
             section(kind, with_depth(with_method(own), number), name, where)
         PlannerSettings.from_parameters(own, where, number)
+        check_origin(section(LinkConfig, own, "link", where), section(AreaConfig, own, "area", where), where)
         for key in SHARED:
             shared_number(own, key, where)
 

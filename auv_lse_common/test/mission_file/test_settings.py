@@ -114,6 +114,15 @@ def test_parameters_of_a_vehicle_apply_only_to_it(tmp_path):
         ),
         ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed must be a whole number of at least 0, not 1\.5"),
         ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal must be true or false, not 1"),
+        (
+            "/**: {ros__parameters: {link: {endpoint: 'udpin://1.2.3.4'}}}",
+            r"endpoint: 'udpin://1\.2\.3\.4' is not an ad",
+        ),
+        ("/**: {ros__parameters: {modem: {port: ttyUSB0}}}", r"modem\.port: 'ttyUSB0' is not an address; write /dev/"),
+        (
+            "/auv2/**: {ros__parameters: {link: {kind: mavlink, mode: mission}}}",
+            r"\(auv2\): link.mode: 'mission' needs area.origin_lat_deg",
+        ),
         ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma is the same for the whole team"),
         ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim is the same for the whole team"),
         (

@@ -9,7 +9,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from auv_lse_comms.transport.address import Address
+from auv_lse_common.mission_file.port_address import Address
 
 READ_BYTES = 65536
 #: Largest number of datagrams, and of bytes (and the rest of a datagram), that a read of a UDP port takes.

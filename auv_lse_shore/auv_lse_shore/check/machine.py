@@ -108,7 +108,7 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     _check_modem(settings, number, findings)
     _check_link(settings, number, findings)
     if settings.packet.tag and findings.usable("packet.key_file"):
-        _check_key(Path(settings.packet.key_file), findings)
+        _check_key("packet.key_file", settings.packet.key_file, findings)
     if settings.record.folder and not is_installed("rosbags"):
         findings.error("record.folder: recording needs the Python package rosbags. Fix: pip install rosbags")
     if not settings.record.folder and findings.usable("record.folder"):
@@ -162,6 +162,8 @@ def _check_link(settings: Settings, number: int, findings: Findings) -> None:
         return
     for package in ("auv_lse_mavlink", "pymavlink"):
         _check_package(package, "link.kind = mavlink", findings)
+    if link.key_file and findings.usable("link.key_file", vehicle=number):
+        _check_key("link.key_file", link.key_file, findings)
     if link.endpoint.startswith("serial://") and findings.usable("link.endpoint", vehicle=number):
         _check_device("link.endpoint", link.endpoint.removeprefix("serial://").rsplit(":", 1)[0], findings)
 
@@ -184,10 +186,10 @@ def _check_package(package: str, why: str, findings: Findings) -> None:
         findings.error(f"{why}: needs the Python package {package}. Fix: {COMMANDS[package]}")
 
 
-def _check_key(path: Path, findings: Findings) -> None:
+def _check_key(name: str, path: str, findings: Findings) -> None:
     from auv_lse_comms.packet.key import KeyFileError, read_key
 
     try:
-        read_key(str(path))
+        read_key(path)
     except KeyFileError as error:
-        findings.error(f"packet.key_file: {error}")
+        findings.error(f"{name}: {error}")

@@ -224,7 +224,7 @@ def _contradictions(
         if hints.get(subject) is str and not values.get(subject) and subject not in stand_ins:
             removed = [subject]
             stand_ins.add(subject)
-            values[subject] = "missing"  # a stand-in, so that the conditions on other parameters are checked too
+            values[subject] = "/dev/missing"  # a stand-in, so that the conditions on other parameters are checked too
         else:
             removed = _remove(values, text, named)
         findings.refused.update((f"{name}.{key}", vehicle) for key in removed)

@@ -302,12 +302,13 @@ def test_the_machine_of_a_vehicle_is_checked(tmp_path: Path) -> None:
     port, key = tmp_path / "port", tmp_path / "key"
     port.write_text("")
     modem = {"kind": "micromodem", "port": str(port)}
-    link = {"kind": "mavlink", "endpoint": "serial:///dev/no_such:57600"}
+    link = {"kind": "mavlink", "endpoint": "serial:///dev/no_such:57600", "key_file": str(tmp_path / "no_key")}
     path = write(tmp_path, modem=modem, link=link, packet={"tag": True, "key_file": str(key), "session": "a"}, sim={})
     errors = found(path, "error", "auv2")
     assert f"modem.port: {port} is not a serial device" in errors
     assert "link.endpoint: /dev/no_such does not exist on this machine" in errors
     assert any(error.startswith("packet.key_file: ") for error in errors)
+    assert any(error.startswith("link.key_file: ") and "no_key" in error for error in errors)
     warnings = found(path, "warning", "auv2")
     assert any("has a section sim" in text for text in warnings)
     assert "record.folder is empty, so the dive is not recorded; set a folder" in warnings

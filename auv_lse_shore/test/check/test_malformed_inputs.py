@@ -343,7 +343,7 @@ def test_on_a_full_disk_nothing_half_written_stays(
         lambda folder: check([str(folder / "file" / "m.yaml")]),
         lambda folder: mission(["--out", str(folder / "file" / "run")]),
         lambda folder: mission(["--out", str(folder / "file" / ("x" * 300))]),
-        lambda folder: mission(["--set", "modem.port=x", "--for-vehicles", str(folder / "file" / "v.yaml")]),
+        lambda folder: mission(["--set", "modem.port=/dev/x", "--for-vehicles", str(folder / "file" / "v.yaml")]),
         lambda folder: replay([str(folder / "run"), "--report", "--out", str(folder / "file")]),
         lambda folder: replay([str(folder / "run"), "--recompute", "planner", "--csv", str(folder / "file" / "x.csv")]),
         lambda folder: replay([str(folder / "file"), "--report"]),

@@ -1,6 +1,8 @@
 """Section `link`: the MAVLink connection to the autopilot."""
 
 from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
+from auv_lse_common.mission_file.port_address import check_address
+from auv_lse_common.mission_file.sections.area import AreaConfig
 
 
 @configuration
@@ -143,6 +145,7 @@ class LinkConfig:
         Raises:
             ParameterError: naming the keys and values.
         """
+        check_address("endpoint", self.endpoint)
         if self.lost_after_s <= self.heartbeat_period_s:
             raise ParameterError(
                 f"lost_after_s is {self.lost_after_s:g} s, but must be longer than heartbeat_period_s "
@@ -158,3 +161,16 @@ class LinkConfig:
                 f"backoff_max_s is {self.backoff_max_s:g} s, but must be at least backoff_min_s "
                 f"({self.backoff_min_s:g} s)"
             )
+
+
+def check_origin(link: LinkConfig, area: AreaConfig, where: str) -> None:
+    """Rejects missions of an autopilot in an area that is nowhere on Earth.
+
+    Raises:
+        ParameterError: naming the keys.
+    """
+    if link.kind == "mavlink" and link.mode == "mission" and area.origin_deg is None:
+        raise ParameterError(
+            f"{where}: link.mode: 'mission' needs area.origin_lat_deg and area.origin_lon_deg, because mission items "
+            "are geodetic"
+        )

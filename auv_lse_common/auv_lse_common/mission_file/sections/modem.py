@@ -3,6 +3,7 @@
 import re
 
 from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
+from auv_lse_common.mission_file.port_address import check_address
 from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 
 #: Size of a packet (docs/reference/packet.md); every transmission carries exactly one packet.
@@ -109,6 +110,8 @@ class ModemConfig:
         """
         if self.kind == "micromodem" and not self.port:
             raise ParameterError("port is empty, but kind 'micromodem' needs a serial device or 'tcp://HOST:PORT'")
+        if self.port:
+            check_address("port", self.port)
         if self.ping and self.synchronous:
             raise ParameterError(
                 "ping and synchronous are both true; choose one. With synchronized clocks every packet already "

@@ -12,6 +12,8 @@ digits after the last one is a baud rate.
 import re
 from dataclasses import dataclass
 
+from auv_lse_common.mission_file.parameters import ParameterError
+
 _HOST_PORT = re.compile(r"(tcp|udpin|udpout)://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})\Z")
 _SERIAL = re.compile(r"(?:serial://)?(/dev/\S+?|/(?!dev/)[^\0\n:]*[^\s:])(?::([1-9]\d{2,6}))?\Z")
 
@@ -49,3 +51,15 @@ def read_address(text: str, baud: int = 19200) -> Address:
         f"{text!r} is not an address; write /dev/NAME or serial:///dev/NAME, optionally with :BAUD (3 to "
         "7 digits), tcp://HOST:PORT, udpin://BIND:PORT or udpout://HOST:PORT"
     )
+
+
+def check_address(key: str, text: str) -> None:
+    """Rejects a parameter that is not an address.
+
+    Raises:
+        ParameterError: naming the key.
+    """
+    try:
+        read_address(text)
+    except AddressError as error:
+        raise ParameterError(f"{key}: {error}") from error
