@@ -190,7 +190,9 @@ class MavlinkVehicle:
 
     def _is_for_us(self, message: Message) -> bool:
         system = getattr(message, "target_system", 0)
-        return message.get_srcSystem() != self._system_id and system in (0, self._system_id)
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        is_own = sender == (self._system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        return not is_own and system in (0, self._system_id)
 
     # ------------------------------------------------------------------ targets
 

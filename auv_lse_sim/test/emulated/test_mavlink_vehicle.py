@@ -275,6 +275,17 @@ def test_another_mission_is_flown_from_the_index_of_the_last_one_unless_an_item_
     assert len(legs) == 5
 
 
+def test_a_companion_with_the_autopilots_system_id_is_obeyed():
+    legs = []
+    vehicle = MavlinkVehicle(2, START, 15.0, ORIGIN, legs.append)
+    companion = mavlink.MAVLink(None, srcSystem=2, srcComponent=191)
+    targets = [end_of(leg) for leg in legs_of_a_walk(2)]
+    vehicle.receive(0.0, mavlink.MAVLink_mission_count_message(2, 1, len(targets), 0).pack(companion))
+    for number, target in enumerate(targets):
+        vehicle.receive(0.0, mission_item(target, Datum(ORIGIN, ORIGIN), number, 4.0, 2, 1).pack(companion))
+    assert len(legs) == 2
+
+
 def test_twenty_vehicles_over_real_udp():
     team = range(1, 21)
     ears = {k: UdpPort("udpin", "127.0.0.1", 0) for k in team}

@@ -118,7 +118,8 @@ class ArduPilot:
         self._tick(now_s)
         for message in self._codec.decode(data):
             target = getattr(message, "target_system", 0)
-            if message.get_srcSystem() == self._system_id or target not in (0, self._system_id):
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            if sender == (self._system_id, mavlink.MAV_COMP_ID_AUTOPILOT1) or target not in (0, self._system_id):
                 continue
             if self._upload.handle(now_s, message, self.fault is Fault.REFUSES) or self._parameter_protocol.handle(
                 message
