@@ -28,10 +28,9 @@ class LoneVehicle:
 
     def __init__(self, ground: Ground, origin: Origin, parameters: Mapping[str, Any]) -> None:
         """Starts on deck: the link finds its autopilot, which is at `origin`, and zeroes its depth."""
-        self.settings = Settings.load(
-            None,
-            {"mission.vehicles": 1, "sim.current.ideal": True, "auv1.link.kind": "mavlink", **parameters},
-        )
+        given = {"mission.vehicles": 1, "sim.current.ideal": True, "auv1.link.kind": "mavlink", **parameters}
+        position = {"area.origin_lat_deg": origin.lat_deg, "area.origin_lon_deg": origin.lon_deg}
+        self.settings = Settings.load(None, {**position, **given})
         own, sim = self.settings.vehicle(1), self.settings.sim
         self.world = World.of(self.settings, ground)
         self._end = (own.vehicle.start_heading_rad, own.vehicle.start_north_m, own.vehicle.start_east_m)
