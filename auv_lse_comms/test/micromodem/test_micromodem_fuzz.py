@@ -20,7 +20,7 @@ from auv_lse_comms.micromodem.log import LogEntry, format_entry, read_entries, r
 from auv_lse_comms.micromodem.sentences.wire import Sentence
 from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
 
-CONFIG = ModemConfig(kind="micromodem", port="x", clock_period_s=20.0)
+CONFIG = ModemConfig(kind="micromodem", port="/dev/x", clock_period_s=20.0)
 ADDRESS = 3
 
 address = st.sampled_from(["0", "2", "3", "9", "127"])

@@ -84,7 +84,7 @@ def test_the_line_logs_of_the_mission_replay_and_hold_its_packets(emulated: tupl
     folder, run = emulated
     for k in TEAM:
         with (folder / "logs" / f"auv{k}.modem_lines.log").open() as lines:
-            again = replay_log(read_entries(lines), ModemConfig(kind="micromodem", port="log", synchronous=True))
+            again = replay_log(read_entries(lines), ModemConfig(kind="micromodem", port="/dev/log", synchronous=True))
         assert again.written == again.logged
         sent = [event for _, event in again.events if isinstance(event, TransmitStarted)]
         assert len(sent) == sum(packet.source == k for packet in run.sent)

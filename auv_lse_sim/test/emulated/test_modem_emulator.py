@@ -41,7 +41,7 @@ class Wire:
         self.sent = []
         self.spoil = spoil
         self.modem = ModemEmulator(transmit or self.sent.append, clock_error_s=clock_error_s, pps=pps)
-        self.driver = Micromodem(ModemConfig(kind="micromodem", port="pty", **values), vehicle)
+        self.driver = Micromodem(ModemConfig(kind="micromodem", port="/dev/pty", **values), vehicle)
         self.events = []
         self.now_s = NOW_S
         self.modem.boot(self.now_s)
