@@ -84,12 +84,12 @@ class AutopilotCheck:
         self.messages: Counter[str] = Counter()
         self.problems: list[str] = []
         self._config = config
-        self._system = config.autopilot_system_id or vehicle
+        self._autopilot = config.autopilot_system_id or vehicle, config.autopilot_component_id
         self._reader = MavlinkCodec(config.system_id, config.component_id, key, nonce)
-        self._others: Counter[int] = Counter()
+        self._others: set[tuple[int, int]] = set()  # systems and components
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._origin = False
-        self.parameters = ParameterReader(self.link.send, self._system, config.autopilot_component_id)
+        self.parameters = ParameterReader(self.link.send, *self._autopilot)
         self._has_gps: bool | None = None
         self._distance: tuple[float, float] | None = None  # the last one and the greatest possible (m)
         self._since_s = math.nan
@@ -115,8 +115,9 @@ class AutopilotCheck:
         self._now_s = now_s
         self._reader.set_time(now_s)
         for message in self._reader.decode(data):
-            if message.get_srcSystem() != self._system:
-                self._others[message.get_srcSystem()] += 1
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            if sender != self._autopilot:
+                self._others.add(sender)
                 continue
             self._take(message)
         if data:
@@ -141,8 +142,7 @@ class AutopilotCheck:
         """Gives the autopilot the key (SETUP_SIGNING): it signs from then on, and accepts signed messages only."""
         if self._key is not None:
             started_at = max(0, int((now_s - SIGNING_EPOCH_S) * SIGNING_PARTS))
-            to = self._system, self._config.autopilot_component_id
-            self.link.send(mavlink.MAVLink_setup_signing_message(*to, list(self._key), started_at))
+            self.link.send(mavlink.MAVLink_setup_signing_message(*self._autopilot, list(self._key), started_at))
 
     @property
     def _setting(self) -> Setting:
@@ -232,8 +232,8 @@ class AutopilotCheck:
     def findings(self) -> list[Finding]:
         """The findings: what was seen or is missing."""
         if not self.heard:
-            others = ", ".join(map(str, sorted(self._others)))
-            text = f"no heartbeat of system {self._system} (link.autopilot_system_id, or the vehicle's number)"
+            others = ", ".join(f"{system} (component {component})" for system, component in sorted(self._others))
+            text = f"no heartbeat of system {self._autopilot[0]} (link.autopilot_system_id, or the vehicle's number)"
             return [Finding(ok=False, text=f"{text}; heard instead: {others}" if others else text)]
         found = [*self._streams(), *self._depth_findings(), *self._states()]
         return [*found, *self.parameters.judge(rules(self._setting))[0], *self._flight_findings()]

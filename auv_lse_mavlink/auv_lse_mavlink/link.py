@@ -30,7 +30,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.safety.watch import AutopilotReport
+from auv_lse_common.safety.watch import LONGEST_STEP_S, AutopilotReport
 from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_mavlink.depth_gauge import DepthGauge
@@ -111,7 +111,7 @@ class VehicleLink:
         self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts, limits.is_afloat)
         self._fix_s = -math.inf  # when GPS last had a fix
         self._received_s = -math.inf  # when the last message of the autopilot arrived
-        self._utc_s, self._set_back_s = -math.inf, 0.0  # the host's clock, and the total by which it was set back
+        self._utc_s, self._set_back_s = -math.inf, 0.0  # the host's clock, and by how much in all it was set back
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
         self._heard_utc_s = -math.inf
         self._attitude: Message | None = None
@@ -127,6 +127,9 @@ class VehicleLink:
         for message in self._codec.decode(data):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._autopilot:
                 self.counts["from_others"] += 1
+                continue
+            if not self._codec.is_addressed(message):
+                self.counts["to_others"] += 1
                 continue
             self._received_s = self._now_s
             handler = HANDLERS.get(message.get_type())
@@ -264,8 +267,8 @@ class VehicleLink:
     # ------------------------------------------------------------------ helpers
 
     def _tick(self, now_s: float) -> None:
-        """Advances to the host's clock. If it is set back, `_now_s`, which times all waits, still advances."""
-        if now_s < self._utc_s:
+        """Advances to the host's clock. If that is set, `_now_s`, which times all waits, does not jump with it."""
+        if math.isfinite(self._utc_s) and not 0.0 <= now_s - self._utc_s <= LONGEST_STEP_S:
             self.counts["clock_steps"] += 1
             self._set_back_s += self._utc_s - now_s
             self._clock.forget_utc()

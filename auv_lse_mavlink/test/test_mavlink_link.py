@@ -305,6 +305,17 @@ def test_an_autopilot_that_falls_silent_is_lost_in_time_although_the_host_sets_i
     assert state.stamp_s == NOW_S, "by the clock of that time"
 
 
+@pytest.mark.parametrize("by_s", [3600.0, -3600.0])
+def test_a_clock_that_is_set_loses_no_link(by_s):
+    pilot = Autopilot(lost_after_s=5.0).up()
+    pilot.wait(2.0)
+    pilot.now_s += by_s
+    pilot.link.poll(pilot.now_s)
+    assert (pilot.link.counts["lost"], pilot.link.placed) == (0, True)
+    pilot.wait(6.0, beat=False)
+    assert pilot.link.state is LinkState.DOWN
+
+
 @pytest.mark.parametrize("how", ["utc 0", "boot time back", "link lost"])
 def test_an_autopilot_that_reboots_under_water_does_not_stamp_by_its_old_clock(how):
     pilot = Autopilot().up()
@@ -614,6 +625,22 @@ def test_a_mission_is_counted_asked_for_and_accepted(legacy):
     acknowledge(pilot)
     assert pilot.link.quiet
     assert [e.target for e in pilot.of(events.TargetSent)] == [A, B]
+
+
+@pytest.mark.parametrize("asker", [(255, 190), (245, 190)])
+def test_answers_to_a_ground_station_on_the_same_link_are_not_ours(asker):
+    """It uploads its own mission, and changes the speed."""
+    pilot = Autopilot(mode="mission").up()
+    pilot.link.command(pilot.now_s, A)
+    pilot.heard()
+    pilot.say(mavlink.MAVLink_mission_ack_message(*asker, 0, 0))
+    pilot.say(mavlink.MAVLink_mission_request_int_message(*asker, 7, 0))
+    pilot.say(mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_DO_CHANGE_SPEED, 2, 0, 0, *asker))
+    assert pilot.heard() == [], "its mission would be flown"
+    assert (pilot.link.refused_speed, pilot.link.counts["to_others"]) == ("", 3)
+    for number in (0, 1):
+        request(pilot, number)
+    assert [m.seq for m in pilot.heard("MISSION_ITEM_INT")] == [0, 1]
 
 
 def test_ardupilot_gets_its_home_item_first():

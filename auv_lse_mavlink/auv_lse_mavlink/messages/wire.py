@@ -162,6 +162,11 @@ class MavlinkCodec:
         self.counts["unproven"] = self._mav.unproven
         return good
 
+    def is_addressed(self, message: Message) -> bool:
+        """Whether a message is for this system and component, or for all: a ground station gets answers, too."""
+        fields = zip(("target_system", "target_component"), (self._mav.srcSystem, self._mav.srcComponent), strict=True)
+        return all(getattr(message, name, 0) in (0, own) for name, own in fields)
+
     def encode(self, message: Message) -> bytes:
         """The message as bytes, with the next sequence number."""
         data: bytes = message.pack(self._mav)

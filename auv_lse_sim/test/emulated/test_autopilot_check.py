@@ -137,12 +137,37 @@ def test_a_missing_package_is_named() -> None:
     assert sub.check.findings()[-1].text == "flight: the autopilot is not armed"
 
 
+def test_other_components_of_the_vehicle_are_not_its_autopilot() -> None:
+    """BlueOS's camera manager, and a sonar whose distances the autopilot does not pass on."""
+    sub = Sub()
+    for component in (100, 194):
+        sub.listen(5)
+        autopilot, sub.mav = sub.mav, mavlink.MAVLink(None, srcSystem=2, srcComponent=component)
+        sub.say(mavlink.MAVLink_heartbeat_message(30, 8, 0, 0, mavlink.MAV_STATE_STANDBY, 3))
+        for _ in range(20):
+            sub.say(mavlink.MAVLink_distance_sensor_message(1000, 30, 5000, 900, 1, 0, 25, 0))
+        sub.mav = autopilot
+    sub.check.ask()
+    sub.answer({"FS_GCS_ENABLE": 2.0})
+    texts = {finding.text: finding.ok for finding in sub.check.findings()}
+    assert texts["FS_GCS_ENABLE = 2; set 4 (the vehicle disarms and drifts)"] is False, texts
+    assert any(text.startswith("DISTANCE_SENSOR: 0.0 Hz; at least") and ok is False for text, ok in texts.items())
+
+
+def test_an_autopilot_with_another_component_id_is_named() -> None:
+    sub = Sub()
+    sub.mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=7)
+    sub.listen(2)
+    (finding,) = sub.check.findings()
+    assert finding.text.endswith("heard instead: 2 (component 7)"), finding.text
+
+
 def test_a_missing_autopilot_is_reported_with_those_present(capsys: pytest.CaptureFixture[str]) -> None:
     sub = Sub()
     sub.mav = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
     sub.listen(2)
     (finding,) = sub.check.findings()
-    assert finding.text.endswith("heard instead: 7")
+    assert finding.text.endswith("heard instead: 7 (component 1)")
     assert main(["nowhere://x"]) == 2
     assert "nowhere" in capsys.readouterr().err
 
