@@ -24,7 +24,7 @@ _MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
 _DATAFLASH = b"\xa3\x95"
 #: A telemetry log's times (s since 1970) are between these: 2000 and 2100.
 _TIMES_S = (946_684_800.0, 4_102_444_800.0)
-#: Messages that follow each other in the first bytes of a log that begins within one.
+#: Least messages in the first bytes of a log that begins within one, or with the lines of a booting autopilot.
 _FEWEST, _BEGIN = 3, 2048
 _DAMAGED = "positions where the log is damaged"
 #: Messages between two reports of progress.
@@ -36,12 +36,15 @@ class FlightLogError(ValueError):
 
 
 def is_telemetry(data: bytes) -> bool:
-    """Whether the beginning of a file looks like a telemetry log, or a piece of one that begins within a message."""
+    """Whether the beginning of a file looks like a telemetry log, or a piece of one that begins within a message.
+
+    Lines of text that an autopilot prints while it boots may lie between the messages.
+    """
     if len(data) > 8 and data[8] in (_MAVLINK_1, _MAVLINK_2) and _is_time(data):
         return True
     damage: Counter[str] = Counter()
     found = sum(1 for _ in _frames(data[:_BEGIN], damage))
-    return found >= _FEWEST and damage[_DAMAGED] <= 1
+    return found >= max(_FEWEST, damage[_DAMAGED])
 
 
 def dataflash_messages(

@@ -95,14 +95,14 @@ class Dataflash:
         self.data += b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(_CODES[c] for c in codes), *values)
 
 
-def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0):
-    """GPS, POS and RFND of each row; a submarine dives to `immersion_m` and also logs pressures."""
+def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0, dives_at=20):
+    """GPS, POS and RFND of each row; a submarine dives to `immersion_m` in a row, and also logs pressures."""
     log = Dataflash()
     log.add("MSG", 0, vehicle.encode())
     for i, (stamp, lat, lon, depth) in enumerate(rows):
         us = 5_000_000 + round(1e6 * (stamp - START_S))
         week, of_week = divmod(stamp - 315_964_800 + 18, 604_800)
-        sunk = immersion_m if i >= 20 else 0.0
+        sunk = immersion_m if i >= dives_at else 0.0
         lat_e7, lon_e7 = round(lat * 1e7), round(lon * 1e7)
         log.add("GPS", us, 0, 4, round(of_week * 1000), int(week), 12, 90, lat_e7, lon_e7, 37200, 2.0, 0.0, 0.0, 0.0, 1)
         log.add("BARO", us, 0, 0.0, 97_000.0 + i % 3)

@@ -225,6 +225,21 @@ def test_one_wrong_pressure_does_not_make_the_hull_s_barometer_the_water_s(tmp_p
     assert placed.soundings[:, 3] == pytest.approx(depth_m(*placed.soundings[:, 1:3].T), abs=0.05)
 
 
+@pytest.mark.parametrize("dives_at", [0, 20])
+def test_a_dive_that_is_logged_without_its_begin_has_no_pressure_of_the_surface(tmp_path, dives_at):
+    """Its depths would be 3 m too small without a word."""
+    path = tmp_path / "a.bin"
+    path.write_bytes(dataflash(ROWS, "ArduSub V4.5.3", immersion_m=3.0, dives_at=dives_at).data)
+    lines = gathered(path).lines
+    assert "the vehicle's own depth from BARO 1" in lines[0]
+    question = (
+        "- question: the lowest pressure of BARO 1 is 1264 hPa, more than the air's. If the log begins and ends under "
+        "water, all depths are too small by the barometer's least depth: import the whole dive, or add that depth to "
+        "--draught"
+    )
+    assert (question in lines) == (dives_at == 0), lines
+
+
 def test_components_of_a_vehicle_are_not_mixed(tmp_path):
     """A second sonar beside the autopilot's has the same number, and a companion its own positions."""
     path = tmp_path / "a.tlog"

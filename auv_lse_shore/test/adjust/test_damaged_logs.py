@@ -146,6 +146,15 @@ def test_a_piece_of_a_telemetry_log_begins_within_a_message(tmp_path, lost):
     assert len(soundings_of(tmp_path / "a.tlog", telemetry(survey()[:60])[lost:])) >= 54
 
 
+def test_a_telemetry_log_may_begin_with_the_lines_that_an_autopilot_prints_while_it_boots(tmp_path):
+    """As MAVProxy logs them, each with its time, between messages."""
+    rows, data = survey()[:60], b""
+    for i in range(len(rows)):
+        log = telemetry(rows[i : i + 1])
+        data += (log[:8] + b"Init Gyro*\n" if i < 8 else b"") + log
+    assert len(soundings_of(tmp_path / "a.tlog", data)) == 60
+
+
 def test_what_is_lost_behind_a_lowrance_log_s_damage_is_counted_in_bytes(tmp_path):
     """Its frames begin with their position: those behind an insertion or of a second log are not found."""
     data, begin, length = lowrance(survey()[:60]), 8 + 60 * (144 + 20), 144 + 20
