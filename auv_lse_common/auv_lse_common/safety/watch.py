@@ -197,8 +197,10 @@ class SafetyWatch:
         """
         self._altitude_m = altitude_m
         self._new_altitudes.append(altitude_m)
-        north_m, east_m, _ = self._position or (0.0, 0.0, 0.0)
-        self._altitude_frozen = math.isfinite(altitude_m) and self._altimeter.update(altitude_m, north_m, east_m)
+        if self._position is not None and math.isfinite(altitude_m):
+            self._altitude_frozen = self._altimeter.update(altitude_m, *self._position[:2])
+        else:
+            self._altitude_frozen = False
 
     def autopilot(self, report: AutopilotReport) -> None:
         """Updates the autopilot's state.

@@ -329,6 +329,16 @@ def test_an_altimeter_that_hangs_while_the_vehicle_moves_counts_as_none() -> Non
     assert cruise(Vehicle(), 60.0, altitude_m=math.inf).watch.warnings == {}, "no ground in reach all the way"
 
 
+def test_altitudes_before_the_first_position_are_of_no_travel() -> None:
+    vehicle = Vehicle()
+    vehicle.blind = True
+    for second in range(30):
+        vehicle.blind = second < 15
+        vehicle.watch.altitude(12.3)
+        vehicle.wait(1.0)
+    assert vehicle.watch.warnings == {}
+
+
 def test_a_depth_gauge_that_hangs_while_the_vehicle_moves_is_told() -> None:
     vehicle = cruise(Vehicle(), 20.0)
     assert cruise(vehicle, 49.0, depth_m=4.25).watch.warnings == {}
