@@ -11,6 +11,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import SHARED
 from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_common.support.missing_packages import COMMANDS, is_installed
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import error_text
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_comms.settings import check_send_duration
@@ -98,7 +99,8 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
         simulated: Whether the file has a section sim; nodes then wait for a simulator.
     """
     if not 1 <= number <= settings.mission.vehicles:
-        findings.error(f"auv{number} is not in the mission, which has {settings.mission.vehicles} vehicles")
+        team = counted(settings.mission.vehicles, "vehicle")
+        findings.error(f"auv{number} is not in the mission, which has {team}")
         return
     if simulated:
         findings.warning(
@@ -140,7 +142,8 @@ def _check_modem(settings: Settings, number: int, findings: Findings) -> None:
     if not findings.usable("modem.kind", vehicle=number):
         return
     if modem.kind != "micromodem":
-        findings.warning(f"auv{number}: modem.kind: {modem.kind!r} drives no modem; use 'micromodem'")
+        if settings.mission.vehicles > 1:
+            findings.warning(f"auv{number}: modem.kind: {modem.kind!r} drives no modem; use 'micromodem'")
         return
     if findings.usable("tdma", "modem", vehicle=number):
         try:

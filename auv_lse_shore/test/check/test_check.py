@@ -343,6 +343,15 @@ def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
 
 
+def test_a_vehicle_alone_needs_no_modem(tmp_path: Path) -> None:
+    """As docs/guide/bluerov2.md writes its file."""
+    for vehicles, is_warned in ((1, False), (2, True)):
+        path = write(tmp_path, mission={"vehicles": vehicles, "steps": 60}, modem={"kind": "direct"})
+        assert any("drives no modem" in text for text in found(path, "warning", "auv1")) == is_warned
+    alone = write(tmp_path, mission={"vehicles": 1, "steps": 60})
+    assert "auv2 is not in the mission, which has 1 vehicle" in found(alone, "error", "auv2")
+
+
 @pytest.mark.parametrize("words", [[], ["--vehicle", "auv2"], ["--strict"], ["--set", "mission.seed=2"]])
 def test_without_a_file_the_default_mission_is_checked(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     main(words)
