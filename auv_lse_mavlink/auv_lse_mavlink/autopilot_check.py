@@ -15,6 +15,7 @@ from auv_lse_common.support.device_findings import Finding
 from auv_lse_mavlink.check.parameters import Change, ParameterReader
 from auv_lse_mavlink.check.rules import STREAMS, Setting, after_silence, rules
 from auv_lse_mavlink.depth_gauge import LEAST_PA
+from auv_lse_mavlink.health import silence_of
 from auv_lse_mavlink.link import LinkState, VehicleLink
 from auv_lse_mavlink.messages.conversion import DOWN, Target
 from auv_lse_mavlink.messages.datum import Origin
@@ -126,6 +127,13 @@ class AutopilotCheck:
         self._note(self.link.events())
         self._fly(now_s)
 
+    def recognizes(self, datagram: bytes) -> bool:
+        """Whether a datagram contains a message of the autopilot; notes the senders of others."""
+        found = self.link.recognizes(datagram)
+        if not found:
+            self._others |= self._reader.senders(datagram)
+        return found
+
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now."""
         return self.link.outgoing()
@@ -233,7 +241,7 @@ class AutopilotCheck:
         """The findings: what was seen or is missing."""
         if not self.heard:
             others = ", ".join(f"{system} (component {component})" for system, component in sorted(self._others))
-            text = f"no heartbeat of system {self._autopilot[0]} (link.autopilot_system_id, or the vehicle's number)"
+            text = f"no heartbeat of system {self._autopilot[0]}: {silence_of(self.link)}"
             return [Finding(ok=False, text=f"{text}; heard instead: {others}" if others else text)]
         found = [*self._streams(), *self._depth_findings(), *self._states()]
         return [*found, *self.parameters.judge(rules(self._setting))[0], *self._flight_findings()]

@@ -5,15 +5,27 @@ from auv_lse_mavlink.link import VehicleLink
 from auv_lse_mavlink.targets.obedience import IGNORED_S
 
 
+def silence_of(link: VehicleLink) -> str:
+    """Why the autopilot is not heard, by what arrives, and the cure."""
+    wire, counts = link.wire, link.counts
+    if wire["unproven"]:
+        return "signed messages arrive, but no answer to TIMESYNC: a replay, or the autopilot hears nothing"
+    if wire["unsigned"]:
+        return "messages arrive without a signature or with another key's; give the autopilot the key (--send-key)"
+    if counts["from_others"] or counts["other_senders"]:
+        return "only other systems or components are heard (link.autopilot_system_id, or the vehicle's number)"
+    if wire["bad"]:
+        return "what arrives is not MAVLink; check the port and its speed"
+    return "nothing arrives; check power, cable and the autopilot's MAVLink endpoint"
+
+
 def link_health(link: VehicleLink, port_problem: str) -> Health:
     """The state of the link and what the autopilot does with its targets; `port_problem`: why it is not heard."""
     values = {"mode": link.status.mode, "targets waiting": len(link.targets), **link.counts, **link.gauge.values}
     values |= {f"wire {name}": count for name, count in link.wire.items()}
     report = link.report
     if not report.heard:
-        unproven = "signed messages arrive, but no answer to TIMESYNC: a replay, or the autopilot hears nothing"
-        text = port_problem or ("no autopilot heard" if not link.wire["unproven"] else unproven)
-        return Health(level=Level.ERROR, text=text, values=values)
+        return Health(level=Level.ERROR, text=port_problem or f"no autopilot heard: {silence_of(link)}", values=values)
     found: list[tuple[Level, str]] = [(Level.OK, "armed" if link.status.armed else "not armed")]
     if not report.mode_obeys:
         obeying = " or ".join(map(str, link.obeying_modes))

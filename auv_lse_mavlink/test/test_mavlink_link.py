@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, section
@@ -98,6 +99,11 @@ class Autopilot:
 
     def of(self, kind):
         return [event for event in self.reported if isinstance(event, kind)]
+
+
+def other_heartbeat(system, component):
+    mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    return mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3).pack(mav)
 
 
 # ------------------------------------------------------------------ frames and units
@@ -471,6 +477,37 @@ def test_lost_datagrams_are_counted():
     pilot.mav.seq = (pilot.mav.seq + 3) % 256
     pilot.beat()
     assert pilot.link.wire["gaps"] == 3
+
+
+def test_messages_of_another_dialect_are_no_lost_ones():
+    """ArduPilot sends many of its own, and each has a number."""
+    pilot = Autopilot().up()
+    own = ardupilotmega.MAVLink(None, srcSystem=2, srcComponent=1)
+    for _ in range(300):
+        own.seq = pilot.mav.seq
+        pilot.say(ardupilotmega.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), own)
+        pilot.mav.seq = own.seq
+        pilot.beat()
+    assert (pilot.link.wire["gaps"], pilot.link.wire["unknown"], pilot.link.counts["from_others"]) == (0, 300, 0)
+    own.seq = pilot.mav.seq = (pilot.mav.seq + 2) % 256
+    pilot.say(ardupilotmega.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), own)
+    assert pilot.link.wire["gaps"] == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "data", "words"),
+    [
+        (None, b"", "nothing arrives"),
+        (None, bytes(range(200)), "what arrives is not MAVLink; check the port and its speed"),
+        (None, other_heartbeat(7, 1), "only other systems or components are heard"),
+        (None, other_heartbeat(2, 100), "only other systems or components are heard"),
+        (bytes(32), other_heartbeat(2, 1), "messages arrive without a signature or with another key's"),
+    ],
+)
+def test_diagnostics_say_why_no_autopilot_is_heard(key, data, words):
+    link = VehicleLink(LinkConfig(kind="mavlink"), 2, ORIGIN, key=key)
+    link.receive(NOW_S, data)
+    assert link_health(link, "").text.startswith(f"no autopilot heard: {words}")
 
 
 # ------------------------------------------------------------------ waypoints one after another

@@ -34,6 +34,10 @@ _SIGNATURE_BYTES, _SIGNATURE_BLOCK_BYTES = 6, 13
 _NUMBER, _PAYLOAD_FROM, _TS1 = slice(7, 10), 10, slice(8, 16)
 
 
+#: pymavlink's words for a message without a signature, or with a wrong one.
+_NO_SIGNATURE = "Invalid signature"
+
+
 class _Mavlink(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
     """pymavlink's class with other rules for signatures.
 
@@ -92,8 +96,9 @@ class MavlinkCodec:
     """Encodes and decodes the messages of one endpoint.
 
     Attributes:
-        counts: "messages", "bad" (bytes that are not a message), "gaps" (messages lost, by the sequence numbers),
-            "unproven" (signed messages of senders that have not answered the nonce).
+        counts: "messages", "bad" (bytes that are not a message), "unsigned" (of these: messages without a signature or
+            with another key's), "unknown" (messages of other dialects, which are ignored), "gaps" (messages lost, by
+            the sequence numbers), "unproven" (signed messages of senders that have not answered the nonce).
     """
 
     def __init__(self, system_id: int, component_id: int, key: bytes | None = None, nonce: int | None = None) -> None:
@@ -142,7 +147,9 @@ class MavlinkCodec:
         other._mav.signing.timestamp = self._mav.signing.timestamp
         other._mav.signing.stream_timestamps = dict(self._mav.signing.stream_timestamps)
         other._mav.claimed = self._claimed
-        return {(message.get_srcSystem(), message.get_srcComponent()) for message in other.decode(datagram)}
+        found = {_sender(message) for message in other.decode(datagram)}
+        self.counts["unsigned"] += other.counts["unsigned"]
+        return found
 
     def decode(self, data: bytes) -> list[Message]:
         """The messages in `data` and earlier incomplete data; bad bytes are counted and skipped."""
@@ -150,17 +157,24 @@ class MavlinkCodec:
         for message in self._mav.parse_buffer(data) or ():
             if message.get_type() == "BAD_DATA":
                 self.counts["bad"] += 1
+                self.counts["unsigned"] += message.reason == _NO_SIGNATURE
+                continue
+            if isinstance(message, mavlink.MAVLink_unknown):  # not checked, but it has a sequence number
+                self.counts["unknown"] += 1
+                self._count_gap(*_unknown_header(message.get_msgbuf()))
                 continue
             self.counts["messages"] += 1
-            sender = (message.get_srcSystem(), message.get_srcComponent())
-            gap = (message.get_seq() - self._next.get(sender, message.get_seq())) % 256
-            self.counts["gaps"] += gap if gap < 128 else 0  # a reordered datagram is not a gap
-            self._next[sender] = (message.get_seq() + 1) % 256
+            self._count_gap(_sender(message), message.get_seq())
             good.append(message)
         del self._mav.buf[: self._mav.buf_index]  # pymavlink frees it only when data end with a message
         self._mav.buf_index = 0
         self.counts["unproven"] = self._mav.unproven
         return good
+
+    def _count_gap(self, sender: tuple[int, int], number: int) -> None:
+        gap = (number - self._next.get(sender, number)) % 256
+        self.counts["gaps"] += gap if gap < 128 else 0  # a reordered datagram is not a gap
+        self._next[sender] = (number + 1) % 256
 
     def is_addressed(self, message: Message) -> bool:
         """Whether a message is for this system and component, or for all: a ground station gets answers, too."""
@@ -172,3 +186,13 @@ class MavlinkCodec:
         data: bytes = message.pack(self._mav)
         self._mav.seq = (self._mav.seq + 1) % 256
         return data
+
+
+def _sender(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _unknown_header(data: bytes) -> tuple[tuple[int, int], int]:
+    """Sender and sequence number of a message that pymavlink does not know."""
+    at = 4 if data[0] == mavlink.PROTOCOL_MARKER_V2 else 2
+    return (data[at + 1], data[at + 2]), data[at]

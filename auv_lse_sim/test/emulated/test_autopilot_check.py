@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import threading
 import time
 from typing import Any
@@ -15,6 +16,7 @@ from verb_main import verb_main
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.support.device_findings import Finding
 from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_mavlink import check_command
 from auv_lse_mavlink.autopilot_check import AutopilotCheck, CheckOptions
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_sim.emulated.ardupilot.parameter_protocol import ParameterProtocol
@@ -160,6 +162,29 @@ def test_an_autopilot_with_another_component_id_is_named() -> None:
     sub.listen(2)
     (finding,) = sub.check.findings()
     assert finding.text.endswith("heard instead: 2 (component 7)"), finding.text
+
+
+def test_senders_of_other_datagrams_are_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """ArduPilot's own number is 1, whatever the vehicle's."""
+    monkeypatch.setattr(check_command, "_HEARD_S", 2.0)
+    port, over = free_udp_port(), threading.Event()
+    beat = mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1))
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not over.wait(0.1):
+                sender.sendto(beat, ("127.0.0.1", port))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        assert main([f"udpin://127.0.0.1:{port}", "--vehicle", "2", "--seconds", "1"]) == 1
+    finally:
+        over.set()
+        thread.join(5.0)
+    assert "(link.autopilot_system_id, or the vehicle's number); heard instead: 1 (comp" in capsys.readouterr().out
 
 
 def test_a_missing_autopilot_is_reported_with_those_present(capsys: pytest.CaptureFixture[str]) -> None:
