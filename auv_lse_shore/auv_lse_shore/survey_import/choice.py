@@ -270,8 +270,8 @@ def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) ->
     if surface_pa > _HIGHEST_AIR_PA:
         log.questions.append(
             f"the lowest pressure of {kind} is {surface_pa / 100.0:.0f} hPa, more than the air's. If the log begins "
-            "and ends under water, all depths are too small by the barometer's least depth: import the whole dive, or add "
-            "that depth to --draught"
+            "and ends under water, all depths are too small by the barometer's least depth: import the whole dive, or "
+            "add that depth to --draught"
         )
 
 
