@@ -98,7 +98,7 @@ class VehicleLink:
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
         self._codec = MavlinkCodec(config.system_id, config.component_id, key, nonce)
-        self._sender_filter = SenderFilter(self._codec, self._autopilot, self.counts)
+        self._sender_filter = SenderFilter(self._codec, self._autopilot, self.counts, self._report_problem)
         self._out: list[bytes] = []
         self._events: list[Event] = []
         self._clock = AutopilotClock()
@@ -132,6 +132,7 @@ class VehicleLink:
                 self.counts["to_others"] += 1
                 continue
             self._received_s = self._now_s
+            self._sender_filter.heard()
             handler = HANDLERS.get(message.get_type())
             if handler is not None:
                 handler(self, message)
@@ -180,7 +181,7 @@ class VehicleLink:
         self._advance()
 
     def recognizes(self, datagram: bytes) -> bool:
-        """Whether a datagram contains a message of this vehicle's autopilot; counts it if not."""
+        """Whether a new sender's datagram contains a message of this vehicle's autopilot; counts it if not."""
         return self._sender_filter.recognizes(datagram)
 
     def outgoing(self) -> list[bytes]:
@@ -273,7 +274,7 @@ class VehicleLink:
             self._set_back_s += self._utc_s - now_s
             self._clock.forget_utc()
         self._utc_s, self._now_s = now_s, now_s + self._set_back_s
-        self._sender_filter.renew()
+        self._sender_filter.renew(self._now_s)
         self._codec.set_time(now_s)
 
     def _forget_autopilot(self, rebooted: bool) -> None:

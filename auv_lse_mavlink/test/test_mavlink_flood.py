@@ -135,6 +135,7 @@ def test_when_the_autopilots_own_port_floods_the_oldest_datagrams_are_dropped(pa
     pilot, sock = flooded(position(speaker(system=77)) * 30, None, FRIEND)
     for _ in range(3):  # TIMESYNC, heartbeat and attitude
         pilot.link.receive(NOW_S, next(sock.friend))
+    pilot.transport._peer = FRIEND
     for number in range(1, 4):
         calls, before = sock.calls, parsed["decode"]
         found = pilot.step(NOW_S + number, float(number))

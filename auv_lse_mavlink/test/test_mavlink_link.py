@@ -30,6 +30,7 @@ from auv_lse_mavlink.messages.conversion import (
 from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_mavlink.messages.modes import obeying_modes
+from auv_lse_mavlink.messages.sender_filter import SILENT_S, TWIN_S
 from auv_lse_mavlink.messages.wire import MavlinkCodec
 from auv_lse_mavlink.targets.limits import target_limits
 
@@ -412,6 +413,21 @@ def test_a_datagram_is_recognized_by_its_sender():
     for bad in (b"", b"x", good[:-1], bytes([good[0]]) + good[2:], beat.pack(mavlink.MAVLink(None, srcSystem=7))):
         assert not pilot.link.recognizes(bad)
     assert pilot.link.counts["other_senders"] == 5
+
+
+def test_a_second_autopilot_with_the_same_ids_is_ignored_and_reported():
+    """Two vehicles with ArduPilot's default id on one port: their positions would be one vehicle's."""
+    pilot = Autopilot().up()
+    other = mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3).pack(pilot.mav)
+    for _ in range(round(TWIN_S) + 3):
+        pilot.wait(1.0)
+        assert not pilot.link.recognizes(other)
+    (text,) = [problem.text for problem in pilot.of(events.Problem)]
+    assert text.startswith(
+        "another sender has the autopilot's system id 2, and is ignored. Give each autopilot its own"
+    )
+    pilot.wait(SILENT_S + 0.1, beat=False)
+    assert pilot.link.recognizes(other), "a router that was restarted sends from another port"
 
 
 def test_the_origin_is_asked_for_and_set_if_there_is_none():
@@ -1005,6 +1021,7 @@ def test_signed_messages_pass_both_ways_and_no_others():
 def test_a_signed_message_is_accepted_once_and_forged_ones_do_not_block_genuine_ones():
     pilot = Signing().up()
     kept = mavlink.MAVLink_heartbeat_message(12, 3, 0, 19, mavlink.MAV_STATE_ACTIVE, 3).pack(pilot.mav)
+    pilot.link.poll(pilot.now_s + SILENT_S)
     assert pilot.link.recognizes(kept)
     pilot.link.receive(pilot.now_s, kept)
     assert pilot.link.status.mode == 19

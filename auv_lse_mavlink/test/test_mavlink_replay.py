@@ -7,6 +7,7 @@ from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_comms.packet.key import new_nonce
 from auv_lse_mavlink.health import link_health
 from auv_lse_mavlink.link import LinkState, VehicleLink
+from auv_lse_mavlink.messages.sender_filter import SILENT_S
 
 NOW_S = 1_700_000_000.0
 KEY = bytes(range(32))
@@ -131,4 +132,5 @@ def test_a_replay_cannot_take_the_port_from_the_autopilot():
     assert sea.link.state is LinkState.DOWN
     sea.live(2)
     assert not any(sea.link.recognizes(datagram) for datagram in [*recorded, genuine])
+    sea.link.poll(sea.now_s + SILENT_S)
     assert sea.link.recognizes(sea.autopilot.beat())
