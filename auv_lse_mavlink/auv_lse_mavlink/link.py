@@ -41,6 +41,7 @@ from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState, E
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.origin import OriginExchange
 from auv_lse_mavlink.messages.sender_filter import SenderFilter
+from auv_lse_mavlink.messages.sonar_choice import SonarChoice
 from auv_lse_mavlink.messages.status import ORIGIN_REFUSED, AutopilotStatus
 from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_mavlink.raw_track import RawTrack
@@ -115,6 +116,7 @@ class VehicleLink:
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
         self._heard_utc_s = -math.inf
         self._attitude: Message | None = None
+        self._sonar = SonarChoice(config.stale_after_s, self._report_problem, self.counts)
         self._position: AutopilotEstimate | None = None
         self._problem = (0.0, "")  # time (s) for which the autopilot has refused or ignored its targets, and how
         self._raw, self._raw_in = RawTrack(), self.datum
@@ -416,7 +418,7 @@ class VehicleLink:
 
     def _on_distance(self, message: Message) -> None:
         altitude = altitude_m(message)
-        if altitude is not None:
+        if altitude is not None and self._sonar.takes(self._now_s, message.id):
             self._targets.lift.keeper.ping(altitude)
             self._events.append(
                 Altitude(

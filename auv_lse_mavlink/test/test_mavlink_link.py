@@ -267,6 +267,29 @@ def test_only_the_sensor_that_looks_down_is_an_altimeter():
     assert (altitude.altitude_m, altitude.min_m, altitude.max_m) == pytest.approx((12.34, 0.2, 50.0))
 
 
+def test_of_two_sonars_that_look_down_one_is_used_while_it_sends():
+    """A DVL and an echo sounder at different heights of the hull; each number of a median would be a mixture."""
+    pilot = Autopilot().up()
+
+    def ping(number, distance_m):
+        message = mavlink.MAVLink_distance_sensor_message(
+            pilot.boot_ms, 30, 5000, round(100 * distance_m), 1, number, 25, 0
+        )
+        pilot.say(message)
+
+    for _ in range(20):
+        pilot.wait(0.5)
+        ping(1, 9.5)
+        ping(0, 9.0)
+    assert {altitude.altitude_m for altitude in pilot.of(Altitude)} == {9.5}
+    assert pilot.link.counts["altitudes_of_others"] == 20
+    (text,) = [problem.text for problem in pilot.of(events.Problem)]
+    assert text.startswith("two range finders look down: DISTANCE_SENSOR 1 is used, 0 is not")
+    pilot.wait(3.5)
+    ping(0, 9.0)
+    assert pilot.of(Altitude)[-1].altitude_m == 9.0
+
+
 def test_pressure_in_pascal():
     pilot = Autopilot(pressure="SCALED_PRESSURE2").up()
     pilot.say(mavlink.MAVLink_scaled_pressure2_message(5000, 1405.5, 0.0, 1000))

@@ -11,8 +11,8 @@ from auv_lse_mavlink.messages.wire import MavlinkCodec
 
 #: Largest number of bytes of other senders that are parsed to find the autopilot, until `renew`.
 EXAMINED_BYTES = 16384
-#: Another sender with the autopilot's ids is the autopilot after this time (s) of silence: ArduSub's failsafe acts 2.5 s
-#: after the stack's last heartbeat. One that sends for `TWIN_S` (s) beside the autopilot is reported.
+#: Another sender with the autopilot's ids is the autopilot after this time (s) of silence: ArduSub's failsafe acts
+#: 2.5 s after the stack's last heartbeat. One that sends for `TWIN_S` (s) beside the autopilot is reported.
 SILENT_S, TWIN_S = 1.5, 5.0
 
 
