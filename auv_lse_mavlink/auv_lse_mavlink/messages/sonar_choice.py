@@ -14,7 +14,7 @@ class SonarChoice:
         self._number, self._heard_s = -1, -math.inf
 
     def takes(self, now_s: float, number: int) -> bool:
-        """Whether an altitude of sonar `number` (DISTANCE_SENSOR.id) is used at `now_s` (s); reports two sonars once."""
+        """Whether an altitude of sonar `number` (DISTANCE_SENSOR.id) at `now_s` (s) is used; reports a second one."""
         if number == self._number or now_s - self._heard_s > self._stale_s:
             self._number, self._heard_s = number, now_s
             return True
