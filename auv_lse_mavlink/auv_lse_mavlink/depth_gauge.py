@@ -29,7 +29,7 @@ from collections.abc import Callable, Iterable
 from statistics import median
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.vocabulary.water import MEAN_LATITUDE_DEG, depth_of, gauge_pressure_pa
+from auv_lse_common.vocabulary.water import HIGHEST_AIR_PA, MEAN_LATITUDE_DEG, depth_of, gauge_pressure_pa
 from auv_lse_mavlink.messages.events import Event, Problem, Surfaced, Zeroed
 
 #: Plausible pressures at the surface (Pa): air at sea level to 2,500 m, with a sensor's offset of 200 hPa.
@@ -252,10 +252,21 @@ class DepthGauge:
         self._surfaced.clear()
         if math.isnan(self.zero_pa) or abs(pressure_pa - self.zero_pa) >= REPORTED_PA:
             self._counts["zeros"] += 1
-            self.zero_pa = pressure_pa
+            was_doubtful, self.zero_pa = self.zero_pa > HIGHEST_AIR_PA, pressure_pa
             self._differences.clear()
             self._waiting_m = math.nan
             self._report(Zeroed(pressure_pa=pressure_pa, sensor_depth_m=self._sensor_m if self._floats else 0.0))
+            if pressure_pa > HIGHEST_AIR_PA and not was_doubtful:
+                self._report(Problem(text=self._doubt_of_zero()))
+
+    def _doubt_of_zero(self) -> str:
+        """A warning of a zero that only a sensor's error can explain, or water above it."""
+        too_small_m = depth_of(self.zero_pa - AIR_PA, self._density, self._latitude_deg)
+        return (
+            f"depth is zeroed at {self.zero_pa / 100.0:.0f} hPa, more than air ever has. If the vehicle is under "
+            f"water, it travels {too_small_m:.1f} m too deep: bring it to the surface, disarmed, before GO. If it is "
+            "there, check the sensor"
+        )
 
     def _note_surfacing(self) -> None:
         if not self._has_dived or abs(self._depth_m) > DIVED_M:

@@ -105,6 +105,23 @@ def test_an_implausible_zero_is_refused_with_the_reason(depth_m, reason):
     assert water.problem == problem.text
 
 
+def test_a_zero_above_the_pressure_of_air_is_doubted_once():
+    """A new dive whose vehicle waits under water, or a sensor that is 200 hPa off."""
+    water = Water()
+    water.air_pa, water.depth_m = 101_325.0, 1.8
+    for _ in range(5):
+        water.wait(20, disarmed=True)
+        water.depth_m += 0.03
+    (warned,) = water.of(Problem)
+    assert warned.text.startswith(
+        "depth is zeroed at 1190 hPa, more than air ever has. If the vehicle is under water, it travels 1.8 m too deep"
+    )
+    water.depth_m = 0.0
+    water.wait(30, disarmed=True)
+    assert [problem for problem in water.of(Problem) if "more than air" in problem.text] == [warned]
+    assert water.dive(4.0).wait(5).shown_m == pytest.approx(4.0, abs=0.01)
+
+
 def test_a_vehicle_that_is_disarmed_under_water_keeps_its_zero():
     water = Water().wait(5, disarmed=True).dive(1.5).wait(20, disarmed=True)
     assert water.gauge.zero_pa == pytest.approx(AIR_PA)

@@ -14,6 +14,8 @@ import math
 BULK_MODULUS_PA = 2.2e9
 #: Latitude (deg) of a mission without an origin: gravity is then right within 0.27 %.
 MEAN_LATITUDE_DEG = 45.0
+#: Highest pressure of air on earth (Pa).
+HIGHEST_AIR_PA = 108_500.0
 
 
 def gravity_mps2(latitude_deg: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.plurals import counted
-from auv_lse_common.vocabulary.water import depth_of
+from auv_lse_common.vocabulary.water import HIGHEST_AIR_PA, depth_of
 from auv_lse_gp.no_data import APART_IN_LOGS, fill_values
 from auv_lse_shore.survey_import.frequencies import join_frequencies
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
@@ -21,8 +21,6 @@ from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
 
 #: Quantile of a log's pressures that counts as the pressure at the surface.
 _SURFACE_SHARE = 0.01
-#: Highest pressure of air on earth (Pa).
-_HIGHEST_AIR_PA = 108_500.0
 #: Kinds of positions, the best first; NMEA kinds follow their talker.
 _POSITIONS = ("POS", "GLOBAL_POSITION_INT", "GNS", "GGA", "RMC", "GLL", "GPS", "GPS_RAW_INT")
 #: A kind of position with less than this share of the most frequent one's is not preferred to it.
@@ -260,14 +258,14 @@ def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) ->
         low, high = np.quantile(tables[name][:, 1], (_SURFACE_SHARE, 1.0 - _SURFACE_SHARE))
         return float(low), float(high)
 
-    kind = max(tables, key=lambda name: (middle(name)[0] > _HIGHEST_AIR_PA, middle(name)[1] - middle(name)[0]))
+    kind = max(tables, key=lambda name: (middle(name)[0] > HIGHEST_AIR_PA, middle(name)[1] - middle(name)[0]))
     found, lat_deg = tables[kind], float(np.median(log.positions[:, 1]))
     surface_pa = middle(kind)[0]
     depths = [max(depth_of(pa - surface_pa, density_kgpm3, lat_deg), 0.0) for pa in found[:, 1].tolist()]
     log.immersion, log.is_immersion_added = np.column_stack([found[:, 0], depths]), False
     log.immersion = log.immersion[np.isfinite(log.immersion).all(axis=1)]
     log.notes.append(f"the vehicle's own depth from {kind}, with the lowest pressure as the surface")
-    if surface_pa > _HIGHEST_AIR_PA:
+    if surface_pa > HIGHEST_AIR_PA:
         log.questions.append(
             f"the lowest pressure of {kind} is {surface_pa / 100.0:.0f} hPa, more than the air's. If the log begins "
             "and ends under water, all depths are too small by the barometer's least depth: import the whole dive, or "
