@@ -240,6 +240,8 @@ def _refer_to_surface(log: SurveyLog, sounder: Sounder, choice: Choice) -> None:
         )
         return
     log.depths[:, 1] += choice.draught_m - sounder.offset_m
+    if not log.immersion[:, 1].any():
+        log.immersion = np.array([[0.0, max(choice.draught_m, 0.0)]])  # of the transducer, at all times
     instead = f" instead of the {sounder.offset_m:g} m that the log states" if sounder.offset_m else ""
     log.notes.append(f"{choice.draught_m:g} m added{instead} (--draught)")
 

@@ -138,7 +138,8 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
     yield from progress.lines(found.lines)
     progress.step("learning the prior")
     vehicles = vehicles_of(found.placed, options.position_std)
-    run, area = survey_run(vehicles, found.origin, options.level, found.depth_std_m)
+    draught_m = max(options.draught or 0.0, 0.0)
+    run, area = survey_run(vehicles, found.origin, options.level, found.depth_std_m, draught_m)
     lines = survey_lines(run, area)
     yield from progress.lines(lines)
     if options.dry_run:

@@ -56,6 +56,7 @@ def survey_run(
     origin: tuple[float, float] | None,
     level_m: float | None,
     depth_std_m: float = 0.0,
+    draught_m: float = 0.0,
 ) -> tuple[RunData, SurveyedArea]:
     """The run of a survey, with a mission file for its area and a prior learned from it; and the area.
 
@@ -64,6 +65,7 @@ def survey_run(
         origin: Latitude and longitude (deg) of north = east = 0; None if unknown.
         level_m: Depth of the isobath (m); None: the median depth.
         depth_std_m: Least standard deviation of a sounding that the logs allow (m).
+        draught_m: Depth of the transducer (m) where no track has it.
 
     Raises:
         LogError: if there are too few soundings to learn from.
@@ -79,7 +81,7 @@ def survey_run(
             "mission": {"vehicles": len(vehicles), "steps": 1},
             "level_set": {"level_m": level_m},
             "area": area.section(origin),
-            "vehicle": {"depth_m": 0.0},  # where no track has it
+            "vehicle": {"depth_m": draught_m},
             "gp": {**learned, **_sizes(points, area.area_m2, learned["length_scale_m"])},
             "positions": {**_NO_DRIFT, "position_walk_m_rts": _walk_m_rts(vehicles)},
         }

@@ -26,7 +26,7 @@ class SurveyLog:
     Attributes:
         positions: Rows (time s, latitude deg, longitude deg), or (time s, north m, east m) if not `is_geodetic`.
         depths: Rows (time s, depth of water m), below the surface, or below the vehicle if `immersion` is to be added.
-        immersion: Rows (time s, depth of the vehicle m); no rows for a boat.
+        immersion: Rows (time s, depth of the vehicle m); a boat's is its transducer's, no rows if unknown.
         is_immersion_added: Whether `depths` contain it.
         is_geodetic: Whether positions are degrees.
         has_time: Whether the log has times; else they only number the soundings.

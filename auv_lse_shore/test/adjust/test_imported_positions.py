@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from adjust.survey_logs import START_S
 from verb_main import verb_main
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.run_reader import read_run
+from auv_lse_shore.export.export import export
+from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.positions.adjustment import adjust
 
@@ -65,3 +68,16 @@ def test_only_adjust_moves_positions_of_gps_to_where_crossings_agree(tmp_path):
     stds_m = vehicle.position_std_at(vehicle.soundings.stamp_s)
     assert 1.0 < stds_m.min() <= stds_m.max() < 2.2  # before the pause of two hours and after it
     assert adjust([recorded], crossings=True).vehicles[0].mean_m > 0.5
+
+
+@pytest.mark.parametrize("header", ["unix_time,lat,lon,depth", "lat,lon,depth"])
+def test_sound_speed_corrects_depths_below_the_transducer_only(tmp_path, header):
+    """The transducer's depth was measured with a tape."""
+    seconds, table, run = np.arange(60), tmp_path / "boat.csv", tmp_path / "run"
+    rows = np.column_stack([START_S + seconds, 46.5 + 1e-5 * seconds, np.full(60, 6.6), 9.0 + 0.1 * seconds])
+    np.savetxt(table, rows[:, -header.count(",") - 1 :], "%.8f", ",", header=header, comments="")
+    assert main([str(table), "--draught", "0.5", "--out", str(run)]) == 0
+    list(export(run, tmp_path / "export", survey=Survey(sound_speed=np.array([[0.0, 1425.0]]))))
+    depths = np.loadtxt(tmp_path / "export/soundings.csv", delimiter=",", skiprows=1, usecols=4)
+    # 1 mm: the table's decimals, and layers of the profile
+    assert depths == pytest.approx(0.5 + 0.95 * rows[:, -1], abs=1e-3)

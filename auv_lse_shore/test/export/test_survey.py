@@ -337,8 +337,10 @@ def test_soundings_are_written_a_few_at_a_time(lake, tmp_path):
 
 def test_s102_is_read_back_by_gdal(lake):
     """With GDAL's driver, which shares no code with the writer; and as ground of a mission."""
-    pytest.importorskip("h5py")
+    h5py = pytest.importorskip("h5py")
     folder, _ = lake
+    with h5py.File(folder / "chart_s102.h5") as file:
+        assert "simulated or without dates" in file.attrs["soundings"]
     with rasterio().open(folder / "chart.tif") as tif, rasterio().open(folder / "chart_s102.h5", driver="S102") as file:
         assert file.descriptions == ("depth", "uncertainty")
         assert file.crs.to_epsg(confidence_threshold=20) == 32632 or "UTM zone 32N" in file.crs.to_wkt()

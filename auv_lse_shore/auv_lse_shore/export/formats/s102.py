@@ -59,6 +59,7 @@ def write(export: Export) -> str:
     memory = io.BytesIO()  # on a full disk HDF5 raises errors of its own, and prints a page
     with library.File(memory, "w") as file:
         _write_root(file, chart, code, datum)
+        _attributes(file, **export.metadata())  # S-102 has no attribute for them; readers skip unknown ones
         _write_features(file, library)
         _write_coverage(file, chart, library)
     path.write_bytes(memory.getbuffer())
@@ -97,9 +98,9 @@ def _write_root(file: Any, chart: Chart, code: int, datum: int) -> None:
 def _bounds(chart: Chart) -> tuple[float, float, float, float]:
     """West, south, east, north of the cells' centers, in the chart's coordinates."""
     rows, columns = chart.depth_m.shape
-    west, north = chart.transform * (0.5, 0.5)
-    east, south = chart.transform * (columns - 0.5, rows - 0.5)
-    return west, south, east, north
+    cell = chart.transform  # north up; affine 2 has no `@`, and affine 3 deprecates `*`
+    west, north = cell.c + 0.5 * cell.a, cell.f + 0.5 * cell.e
+    return west, north + (rows - 1) * cell.e, west + (columns - 1) * cell.a, north
 
 
 def _write_features(file: Any, library: Any) -> None:
