@@ -7,9 +7,10 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 # isort: split
 
 import time
+from pathlib import Path
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
-from auv_lse_common.mission_file.parameters import section
+from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import UNWATCHED_PERIODS, GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
@@ -33,6 +34,7 @@ from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_gp.map.quality_watch import QualityWatch, slices
 from auv_lse_gp.positions.position_corrector import corrector_for
+from auv_lse_gp.soundings import origin_problem
 
 #: Lockstep: time (s) between the slices of a judgement, for the node to handle messages.
 _SLICES_S = 0.001
@@ -48,6 +50,8 @@ class GpNode(VehicleNode):
         area = section(AreaConfig, self.parameters, "area", self.where)
         operating_area = OperatingArea(area)
         self._map = DepthMap(config, level_set, operating_area)
+        if config.mean == "survey" and (problem := origin_problem(Path(config.survey_file), area)):
+            raise ParameterError(f"{self.where}: gp.survey_file: {problem}")
         positions = positions_of(self.parameters, self.where)
         until = section(MissionConfig, self.parameters, "mission", self.where).until
         watch = QualityWatch.of(config, level_set, operating_area, until)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
@@ -130,6 +131,24 @@ def origin_of_metres(path: Path) -> tuple[float, float] | None:
         return None
     positions = local_positions(read_table(path))
     return None if positions.from_degrees else positions.origin
+
+
+def origin_problem(path: Path, area: AreaConfig) -> str:
+    """Why a survey's metres do not fit a mission's area: another origin; "" if they do, or one origin is unknown.
+
+    Raises:
+        OSError, TableError: as `origin_of_metres`.
+    """
+    origin, lat_deg, lon_deg = origin_of_metres(path), area.origin_lat_deg, area.origin_lon_deg
+    if origin is None or lat_deg is None or lon_deg is None:
+        return ""
+    apart_m = math.hypot(*local_from_geodetic(*origin, lat_deg, lon_deg))
+    if apart_m <= SAME_ORIGIN_M:
+        return ""
+    return (
+        f"the metres of {str(path)!r} are relative to {origin[0]:.6f}, {origin[1]:.6f} deg, {apart_m:.0f} m from the "
+        f"mission's origin {lat_deg:.6f}, {lon_deg:.6f}. Set area.origin_lat_deg and area.origin_lon_deg to the first"
+    )
 
 
 def check_together(where: Callable[[int], str], north: Array, east: Array) -> None:

@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node import vehicle_node
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_gp.gp_node import GpNode
@@ -54,4 +55,18 @@ def test_gp_node_reports_the_topics_it_waits_for(tmp_path: Path, monkeypatch: py
         executor.shutdown()
         node.destroy_node()
         bench.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_gp_node_refuses_a_survey_in_metres_of_another_origin(tmp_path: Path) -> None:
+    survey, file = tmp_path / "a.csv", tmp_path / "p.yaml"
+    rows = [f"{n},{e},10,{46.5 + n / 111170:.7f},{6.6 + e / 76670:.7f}" for n, e in ((0, 0), (100, 0), (0, 100))]
+    survey.write_text("\n".join(["north_m,east_m,depth_m,lat,lon", *rows]) + "\n")
+    area = "area: {origin_lat_deg: 46.501, origin_lon_deg: 6.6}"
+    file.write_text(f"/**: {{ros__parameters: {{gp: {{mean: survey, survey_file: {survey}}}, {area}}}}}\n")
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/auv2", "--params-file", str(file)])
+    try:
+        with pytest.raises(ParameterError, match=r"a\.csv' are relative to 46\.500000, 6\.600000 deg, 111 m from"):
+            GpNode()
+    finally:
         rclpy.try_shutdown()

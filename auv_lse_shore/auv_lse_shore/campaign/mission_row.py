@@ -18,6 +18,7 @@ from auv_lse_record.run_data import RunData
 from auv_lse_record.software import version
 from auv_lse_shore.campaign.rows import CURVES, names_of
 from auv_lse_shore.campaign.spec import Job
+from auv_lse_shore.check.machine import check_priors
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.chart import with_chart
@@ -40,6 +41,7 @@ def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str, folder: Path
     settings = Settings.from_patterns(patterns, where)
     ground = ground_of(settings)
     settings, notes = fit_to_ground(settings, ground)
+    check_priors(settings)
     run = Fleet(with_chart(settings, folder), ground).run()
     run.notes += [note for note in notes if note.startswith(START_MOVED)]
     return run

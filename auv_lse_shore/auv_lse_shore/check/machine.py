@@ -1,6 +1,5 @@
 """Checks the computer of a vehicle: its devices, files and packages."""
 
-import math
 import os
 import stat
 from pathlib import Path
@@ -13,9 +12,8 @@ from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_common.support.missing_packages import COMMANDS, is_installed
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import error_text
-from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_comms.settings import check_send_duration
-from auv_lse_gp.soundings import SAME_ORIGIN_M, origin_of_metres, read_soundings
+from auv_lse_gp.soundings import origin_problem, read_soundings
 from auv_lse_gp.tables.table_error import TableError
 from auv_lse_record.guard import free_mb
 from auv_lse_record.size_estimate import lack_of_space, size_of
@@ -28,25 +26,23 @@ def survey_problem(file: str, area: AreaConfig, is_prior: bool = True) -> str:
     Args:
         is_prior: Whether `gp.mean` uses it; if not, it must only exist.
     """
-    path, lat_deg, lon_deg = Path(file), area.origin_lat_deg, area.origin_lon_deg
+    path = Path(file)
     if not path.is_file():
         return f"{file!r} does not exist on this machine"
     if not is_prior:
         return ""
     try:
         read_soundings(path)
-        origin = origin_of_metres(path)
+        return origin_problem(path, area)
     except (OSError, TableError) as error:
         return error_text(error)
-    if origin is None or lat_deg is None or lon_deg is None:
-        return ""
-    apart_m = math.hypot(*local_from_geodetic(*origin, lat_deg, lon_deg))
-    if apart_m <= SAME_ORIGIN_M:
-        return ""
-    return (
-        f"the metres of {file!r} are relative to {origin[0]:.6f}, {origin[1]:.6f} deg, {apart_m:.0f} m from the "
-        f"mission's origin {lat_deg:.6f}, {lon_deg:.6f}. Set area.origin_lat_deg and area.origin_lon_deg to the first"
-    )
+
+
+def check_priors(settings: Settings) -> None:
+    """Raises ParameterError for a survey that cannot be a vehicle's prior."""
+    for file in {own.gp.survey_file for own in settings.vehicles if own.gp.mean == "survey"}:
+        if problem := survey_problem(file, settings.area):
+            raise ParameterError(f"gp.survey_file: {problem}")
 
 
 def check_files(settings: Settings, number: int | None, findings: Findings) -> None:

@@ -42,7 +42,7 @@ from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.processes import LaunchError, Process
 from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore.areas.area_file import AreaFiles
-from auv_lse_shore.check.machine import survey_problem
+from auv_lse_shore.check.machine import check_priors
 from auv_lse_shore.check.timing import silent_vehicles
 from auv_lse_shore.live.process import LiveProcess
 from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
@@ -128,9 +128,7 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
         area.grid(own.gp.map_resolution_m, "gp.map_resolution_m")
         area.grid(own.planner.map_spacing_m, "planner.map_spacing_m")
     if options.for_vehicles is None:  # else the files are on the vehicles
-        for file in {own.gp.survey_file for own in fitted.vehicles if own.gp.mean == "survey"}:
-            if problem := survey_problem(file, fitted.area):
-                raise ParameterError(f"gp.survey_file: {problem}")
+        check_priors(fitted)
     apart = "" if fitted.packet.tag else speeds_apart([own.vehicle.speed_mps for own in fitted.vehicles])
     silent = silent_vehicles(fitted)
     return fitted, [*areas.notes(fitted.mission.vehicles), *notes, *([apart] if apart else []), *silent]

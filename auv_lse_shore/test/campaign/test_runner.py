@@ -9,8 +9,10 @@ import pyarrow.parquet
 import pytest
 from sim_helpers import spec_of
 
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_shore.campaign import runner
 from auv_lse_shore.campaign.cluster import CampaignError
+from auv_lse_shore.campaign.mission_row import simulate
 from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.rerun import rerun
 from auv_lse_shore.campaign.rows import Rows, columns_of
@@ -50,6 +52,17 @@ def test_a_campaign_flies_resumes_and_repeats(tmp_path, client):
         rerun(tmp_path, row["id"], tmp_path / "again")
     with pytest.raises(CampaignError, match="--rerun zz: 0 missions of"):
         rerun(tmp_path, "zz", None)
+
+
+def test_a_mission_whose_prior_counts_from_another_origin_is_not_flown(tmp_path):
+    """Its depths would be those of another place."""
+    rows = [f"{n},{e},10,{46.5 + n / 111170:.7f},{6.6 + e / 76670:.7f}" for n, e in ((0, 0), (100, 0), (0, 100))]
+    (tmp_path / "a.csv").write_text("\n".join(["north_m,east_m,depth_m,lat,lon", *rows]) + "\n")
+    prior = {"gp.mean": "survey", "gp.survey_file": str(tmp_path / "a.csv")}
+    origin = {"area.origin_lat_deg": 46.501, "area.origin_lon_deg": 6.6}
+    (job,) = spec_of(tmp_path, list=[{"label": "a", **prior, **origin}], seeds=1).jobs()
+    with pytest.raises(ParameterError, match=r"a\.csv' are relative to 46\.500000, 6\.600000 deg, 111 m from"):
+        simulate(job.patterns, "test", tmp_path)
 
 
 def test_a_mission_that_fails_is_recorded_and_stops_no_other(tmp_path, client):
