@@ -68,7 +68,7 @@ class VehicleProcesses:
 
     Attributes:
         nodes: Its nodes without the recorder.
-        file: The parameter file; that of a real vehicle is in memory (Linux).
+        file: The parameter file; that of a real vehicle, or a changed one, is in memory (Linux).
         recording: Folder for the recording; None: no recorder.
         simulated: Whether the nodes follow a simulator's clock.
         lockstep: Whether a simulator drives the nodes tick by tick.
@@ -143,7 +143,7 @@ def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record:
     is_changed = patterns != parse_parameters(text, str(file))  # lockstep, or positions in degrees
     if is_changed:
         text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
-    if not simulated and hasattr(os, "memfd_create"):
+    if (is_changed or not simulated) and hasattr(os, "memfd_create"):
         file = _in_memory(text)
     elif is_changed:
         file = out / "mission.yaml"

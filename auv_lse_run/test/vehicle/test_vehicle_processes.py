@@ -252,4 +252,6 @@ def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, caps
     assert "plannner: unknown section; did you mean 'planner'?" in capsys.readouterr().err
     assert main(["auv1", str(write(tmp_path, mission={"steps": 30})), "--out", str(out)]) == 2
     assert "mission.vehicles is missing; all vehicles must share it. Add" in capsys.readouterr().err
+    assert main(["auv1", str(write(tmp_path)), "--simulated", "--domain", "47", "--out", str(out)]) == 2
+    assert "ROS domain 47 has no simulator of this machine" in capsys.readouterr().err
     assert not out.exists()
