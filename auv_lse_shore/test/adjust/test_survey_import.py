@@ -451,6 +451,19 @@ def test_an_exported_table_comes_back_to_the_same_positions_on_earth(tmp_path, o
     assert soundings.depth_m == pytest.approx(depth)
 
 
+def test_exported_soundings_below_a_datum_come_back_without_a_question(tmp_path, capsys):
+    assert main([str(written(tmp_path, "a.csv")), "--out", str(tmp_path / "run"), "--level", "11"]) == 0
+    list(export(tmp_path / "run", tmp_path, survey=Survey(datum="LAT", provider=("Club", "a@b.ch"))))
+    capsys.readouterr()
+    for name in ("soundings.csv", "soundings_b12_auv1.geojson"):
+        assert main([str(tmp_path / name), "--out", str(tmp_path / f"again {name}"), "--level", "11"]) == 0
+        printed = capsys.readouterr().out
+        assert "question" not in printed
+        assert "depths are reduced to LAT" in printed or name == "soundings.csv"
+        first, again = (read_run(tmp_path / folder).vehicles[0].soundings for folder in ("run", f"again {name}"))
+        assert again.depth_m == pytest.approx(first.depth_m, abs=6e-4)  # three decimals
+
+
 def test_unknown_uncertainties_stay_unknown(tmp_path):
     text, _ = exported_table(survey())
     lines = [",".join([*line.split(",")[:5], "", "", "", "", "none"]) for line in text.splitlines()[1:]]

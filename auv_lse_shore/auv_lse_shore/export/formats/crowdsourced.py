@@ -114,7 +114,7 @@ def _processing(export: Export, timestamp: str) -> list[dict[str, Any]]:
             "reference": "docs/guide/after-the-dive.md",
         },
     ]
-    if survey.water_level is not None:
+    if survey.datum:  # also if the water surface was at the datum
         steps.append(
             {
                 "type": "VerticalReduction",

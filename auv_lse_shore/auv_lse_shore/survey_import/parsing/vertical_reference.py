@@ -13,7 +13,7 @@ _DATUM = re.compile(r'"datum"\s*:\s*("(?:[^"\\]|\\["\\/bfnrt]|\\u[0-9a-fA-F]{4})
 
 
 def vertical_reference(about: str, content: LogContent) -> Reference:
-    """The reference of the depths; a question about one that is unknown, or a datum, goes into `content`.
+    """The reference of the depths; `content` gets a question about an unknown one, and a note on a datum.
 
     Args:
         about: The file's text without its features.
@@ -21,7 +21,7 @@ def vertical_reference(about: str, content: LogContent) -> Reference:
     stated, reduction = _STATED.search(about), _REDUCTION.search(about)
     if reduction and (datum := _DATUM.search(reduction[0])):
         name = " ".join(json.loads(datum[1], strict=False).split())
-        content.questions.append(f"depths are reduced to {name}: auv_lse export --datum {shlex.quote(name)} keeps it")
+        content.notes.append(f"depths are reduced to {name}: auv_lse export --datum {shlex.quote(name)} keeps it")
     elif reduction:
         content.questions.append("depths are reduced to an unnamed datum: name it with auv_lse export --datum")
     elif stated and stated[1] == "Unknown":
