@@ -83,6 +83,8 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
     where = str(path)
     if data[:4] == b"PK\x03\x04":
         return kmz_features(data, where) if is_kmz(data) else zipped_features(data, where)
+    if data[:2] == b"\x1f\x8b":
+        raise ParameterError(f"{where} is compressed with gzip. Unpack it first")
     if any(data.startswith(magic) for magic in _GDAL):
         return gdal_features(path, where)
     text = decoded(data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 
 import numpy as np
@@ -252,3 +253,10 @@ def test_a_file_geodatabase_is_a_folder(tmp_path):
     (tmp_path / "lake.gdb").mkdir()
     with pytest.raises(ParameterError, match=r"lake\.gdb is a folder, as a file geodatabase is\. Save the area as"):
         read_area(tmp_path / "lake.gdb")
+
+
+def test_a_compressed_area_file_is_to_be_unpacked(tmp_path):
+    path = tmp_path / "area.geojson.gz"
+    path.write_bytes(gzip.compress(b'{"type": "FeatureCollection", "features": []}'))
+    with pytest.raises(ParameterError, match=r"area\.geojson\.gz is compressed with gzip\. Unpack it first"):
+        read_area(path)
