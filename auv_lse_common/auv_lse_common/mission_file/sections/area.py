@@ -54,7 +54,7 @@ class AreaConfig:
     raster_m: float = parameter(
         2.0,
         above=0.0,
-        high=100.0,
+        high=10e3,
         unit="m",
         help="Spacing of the raster of distances to the border, which err by at most twice this, on the safe side",
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -48,7 +47,7 @@ class VehicleConfig:
         (), unit="deg", help="instead of start_north_m, start_east_m: latitude, longitude of the start"
     )
     start_heading_rad: float = parameter(
-        0.0, low=-2.0 * math.pi, high=2.0 * math.pi, unit="rad", help="heading at the start, clockwise from north"
+        0.0, low=-7.0, high=7.0, unit="rad", help="heading at the start, clockwise from north"
     )
     start_delay_s: float = parameter(
         0.0,

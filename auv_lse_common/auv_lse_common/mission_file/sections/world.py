@@ -333,7 +333,7 @@ class LakeConfig:
         help="the window's length to the east; default: the area's, 700 to 5000 m",
     )
     shore_m: float = parameter(
-        150.0, low=20.0, high=1e3, unit="m", help="width of the banks around the window, up to land"
+        150.0, low=20.0, high=2e3, unit="m", help="width of the banks around the window, up to land"
     )
 
     def __post_init__(self) -> None:
