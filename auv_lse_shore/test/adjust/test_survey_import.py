@@ -454,6 +454,7 @@ def test_an_exported_table_comes_back_to_the_same_positions_on_earth(tmp_path, o
 def test_exported_soundings_below_a_datum_come_back_without_a_question(tmp_path, capsys):
     assert main([str(written(tmp_path, "a.csv")), "--out", str(tmp_path / "run"), "--level", "11"]) == 0
     list(export(tmp_path / "run", tmp_path, survey=Survey(datum="LAT", provider=("Club", "a@b.ch"))))
+    (tmp_path / "soundings_b12_auv1.geojson").read_text().index("the water surface was taken as the datum")
     capsys.readouterr()
     for name in ("soundings.csv", "soundings_b12_auv1.geojson"):
         assert main([str(tmp_path / name), "--out", str(tmp_path / f"again {name}"), "--level", "11"]) == 0

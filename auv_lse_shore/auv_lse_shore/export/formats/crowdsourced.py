@@ -114,14 +114,15 @@ def _processing(export: Export, timestamp: str) -> list[dict[str, Any]]:
             "reference": "docs/guide/after-the-dive.md",
         },
     ]
-    if survey.datum:  # also if the water surface was at the datum
+    if survey.datum:
+        observed = survey.water_level is not None
         steps.append(
             {
                 "type": "VerticalReduction",
                 "timestamp": timestamp,
                 "reference": about["water_level"],
                 "datum": survey.vertical_datum,
-                "method": "Observed Waterlevel",
+                "method": "Observed Waterlevel" if observed else "the water surface was taken as the datum",
             }
         )
     if survey.sound_speed is not None:
