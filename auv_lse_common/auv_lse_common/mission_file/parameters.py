@@ -253,6 +253,18 @@ def describe(cls: type, prefix: str = "") -> list[tuple[str, Any, str, str, str]
     return rows
 
 
+def limits_of(cls: type, prefix: str = "") -> dict[str, tuple[float | None, float | None]]:
+    """The lowest and the highest value of each single number of `cls`, nested ones included, by name."""
+    found: dict[str, tuple[float | None, float | None]] = {}
+    for field in dataclasses.fields(cls):
+        hint = _hints(cls)[field.name]
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+            found |= limits_of(hint, f"{prefix}{field.name}.")
+        elif {hint, *typing.get_args(hint)} & {int, float} and typing.get_origin(hint) not in (tuple, dict):
+            found[prefix + field.name] = (field.metadata.get("low"), field.metadata.get("high"))
+    return found
+
+
 def _declared(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], dict[str, dataclasses.Field[Any]]]:
     """Types and fields of a dataclass, by name."""
     if not isinstance(mapping, Mapping):

@@ -4,6 +4,7 @@
 `parameters.py` names the replacement from here when it refuses one of them in a mission file.
 """
 
+import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -81,7 +82,8 @@ def replacement(name: str, value: Any) -> str | None:
 def without_retired(patterns: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """A recording's mission file as this version reads it.
 
-    Retired parameters are left out, renamed ones renamed, and retired values replaced.
+    Retired parameters are left out, renamed ones renamed, retired values replaced, and numbers beyond this version's
+    limits become the limits.
     """
     return {pattern: _without_retired(values) for pattern, values in patterns.items()}
 
@@ -91,9 +93,15 @@ def notes_on_retired(patterns: Mapping[str, Mapping[str, Any]]) -> list[str]:
     found = [entry for values in patterns.values() for entry in _leaves(values)]
     gone = sorted({name for name, _ in found if name in RETIRED})
     replaced = sorted({(name, value) for name, value in found if replacement(name, value) is not None})
+    limited = sorted({(name, value) for name, value in found if _limited(RENAMED.get(name, name), value) != value})
     notes = [
         f"Recorded by an earlier version with {name} {value!r}; this version reads it as {replacement(name, value)!r}."
         for name, value in replaced
+    ]
+    notes += [
+        f"Recorded by an earlier version with {name} {value!r}; this version reads it as its limit, "
+        f"{_limited(RENAMED.get(name, name), value)!r}."
+        for name, value in limited
     ]
     if renamed := sorted({name for name, _ in found if name in RENAMED}):
         pairs = ", ".join(f"{name} (now {RENAMED[name]})" for name in renamed)
@@ -116,8 +124,27 @@ def _without_retired(values: Mapping[str, Any], section: str = "") -> dict[str, 
                 kept[new_name] = {**kept.get(new_name, {}), **inner}
         elif name not in RETIRED:
             new = replacement(name, value)
-            kept[RENAMED.get(name, key)] = value if new is None else new
+            kept[RENAMED.get(name, key)] = _limited(RENAMED.get(name, name), value) if new is None else new
     return kept
+
+
+@functools.cache
+def _limits() -> dict[str, tuple[float | None, float | None]]:
+    """The lowest and the highest value of each number, by its dotted name."""
+    from auv_lse_common.mission_file.parameters import limits_of  # here, because they read this module
+    from auv_lse_common.mission_file.sections.table import SECTIONS
+
+    return {name: found for section, kind in SECTIONS.items() for name, found in limits_of(kind, f"{section}.").items()}
+
+
+def _limited(name: str, value: Any) -> Any:
+    """A recorded value of the parameter `name`, or the limit that it exceeds."""
+    low, high = _limits().get(name, (None, None))
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    if low is not None and value < low:
+        return type(value)(low)
+    return type(value)(high) if high is not None and value > high else value
 
 
 def _sections_of(name: str, values: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

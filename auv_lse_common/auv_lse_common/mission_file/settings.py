@@ -107,13 +107,20 @@ class Settings(TeamSections):
             vehicles.append(_vehicle_sections(with_depth(own, number), f"{where} (auv{number})"))
             check_planner(mission, vehicles[-1].planner, f"{where} (auv{number})")
         team: dict[str, Any] = {name: section(kind, for_all, name, where) for name, kind in TEAM_SECTIONS.items()}
-        for number, own_sections in enumerate(vehicles, 1):
-            check_origin(own_sections.link, team["area"], f"{where} (auv{number})")
         has_autopilot = any(own.link.kind == "mavlink" for own in vehicles)
         team["motion"] = team["motion"].with_straight_legs(has_autopilot)  # the same for all: they rebuild plans
         team["sim"] = team["sim"].in_area(team["area"].polygon_m)
         team["finds_method"] = finds_method(mission.goal, given)
         return cls(where=where, common=_vehicle_sections(for_all, where), vehicles=tuple(vehicles), **team)
+
+    def check_origin(self) -> None:
+        """Rejects missions of autopilots in an area without an origin, once the ground has been asked for one.
+
+        Raises:
+            ParameterError: naming the vehicle and the keys.
+        """
+        for number, own in enumerate(self.vehicles, 1):
+            check_origin(own.link, self.area, f"{self.where} (auv{number})")
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> Settings:
         """These settings with `overrides` as in `load`."""

@@ -97,6 +97,18 @@ def test_a_retired_value_is_replaced_in_recordings_and_refused_in_mission_files(
         from_mapping(SECTIONS[section], {key: value}, f"my.yaml (auv2): {section}")
 
 
+def test_numbers_beyond_the_limits_of_this_version_are_limited_in_recordings() -> None:
+    recorded = {"/**": {"planner": {"deadline_s": 1e5}, "sim": {"channel": {"rate": 2}}, "vehicle.speed_mps": 0.04}}
+    limited = {"planner": {"deadline_s": 3600.0}, "sim": {"channel": {"rate": 3}}, "vehicle.speed_mps": 0.05}
+    assert without_retired(recorded) == {"/**": limited}
+    assert notes_on_retired(recorded)[0] == (
+        "Recorded by an earlier version with planner.deadline_s 100000.0; this version reads it as its limit, 3600.0."
+    )
+    assert notes_on_retired({"/**": limited}) == []
+    with pytest.raises(ParameterError, match=r"from 0 to 3600 s, not 100000"):
+        from_mapping(SECTIONS["planner"], {"deadline_s": 1e5}, "planner")
+
+
 def test_a_file_of_this_version_stays_as_it_is() -> None:
     patterns = {"/**": {"planner": {"method": "plain"}, "mission.seed": 3}, "/auv2/**": {"vehicle.depth_m": 2.0}}
     assert without_retired(patterns) == patterns

@@ -115,13 +115,12 @@ def test_parameters_of_a_vehicle_apply_only_to_it(tmp_path):
         ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed must be a whole number of at least 0, not 1\.5"),
         ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal must be true or false, not 1"),
         (
-            "/**: {ros__parameters: {link: {endpoint: 'udpin://1.2.3.4'}}}",
+            "/**: {ros__parameters: {link: {kind: mavlink, endpoint: 'udpin://1.2.3.4'}}}",
             r"endpoint: 'udpin://1\.2\.3\.4' is not an ad",
         ),
-        ("/**: {ros__parameters: {modem: {port: ttyUSB0}}}", r"modem\.port: 'ttyUSB0' is not an address; write /dev/"),
         (
-            "/auv2/**: {ros__parameters: {link: {kind: mavlink, mode: mission}}}",
-            r"\(auv2\): link.mode: 'mission' needs area.origin_lat_deg",
+            "/**: {ros__parameters: {modem: {kind: micromodem, port: ttyUSB0}}}",
+            r"modem\.port: 'ttyUSB0' is not an address; write /dev/",
         ),
         ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma is the same for the whole team"),
         ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim is the same for the whole team"),
@@ -244,3 +243,10 @@ def test_given_sides_of_a_synthetic_lake_stay():
     }
     lake = Settings.load(None, given).sim.lake
     assert (lake.north_m, lake.east_m, lake.height_m, lake.width_m) == (33.3, 450.0, 900.0, 333.3)
+
+
+def test_a_mission_of_an_autopilot_needs_an_origin_by_the_time_the_ground_is_known() -> None:
+    settings = Settings.load(None, {"auv2.link.kind": "mavlink", "auv2.link.mode": "mission"})
+    with pytest.raises(ParameterError, match=r"\(auv2\): link.mode: 'mission' needs area.origin_lat_deg"):
+        settings.check_origin()
+    settings.with_overrides({"area.origin_lat_deg": 46.5, "area.origin_lon_deg": 6.6}).check_origin()

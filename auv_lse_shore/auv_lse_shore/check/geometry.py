@@ -221,18 +221,23 @@ def _check_own_depth(number: int, own: VehicleSections, level_m: float, findings
             f"auv{number}: safety.max_depth_m {deepest_m:g} is not deeper than vehicle.depth_m {vehicle.depth_m:g}, "
             f"so that the response ({safety.depth_response}) comes at travel depth; choose more, or leave it out"
         )
+    own_depth = f"vehicle.depth_m {vehicle.depth_m:g}"
     climbed_m = min(vehicle.depth_m, SHALLOWEST_M)
-    needs = [(vehicle.depth_m, "vehicle.min_water_m", vehicle.min_water_m)]
-    if vehicle.min_altitude_m > 0.0:
-        needs = [(climbed_m, "vehicle.min_altitude_m", vehicle.min_altitude_m)]
-    if safety.altitude_response != "warn":
-        depth_m = climbed_m if safety.altitude_response == "climb" else vehicle.depth_m
-        needs.append((depth_m, "safety.min_altitude_m", safety.min_altitude_m))
-    depth_m, name, below_m = max(needs, key=lambda need: need[0] + need[2])
-    if depth_m + below_m >= level_m:
+    climbed = own_depth if climbed_m == vehicle.depth_m else f"{climbed_m:g} m, to which it climbs,"
+    climbs = vehicle.min_altitude_m > 0.0 and climbed_m < vehicle.depth_m
+    name = "min_altitude_m" if climbs or vehicle.min_altitude_m > vehicle.min_water_m else "min_water_m"
+    text = f"{climbed if climbs else own_depth} + vehicle.{name} {getattr(vehicle, name):g}"
+    needs = [(vehicle.shallowest_ground_m, text)]
+    least_m = safety.min_altitude_m
+    if safety.altitude_response == "climb":
+        needs.append((climbed_m + least_m, f"{climbed} + safety.min_altitude_m {least_m:g}"))
+    elif safety.altitude_response != "warn" and not (climbs and vehicle.min_altitude_m >= least_m):
+        needs.append((vehicle.depth_m + least_m, f"{own_depth} + safety.min_altitude_m {least_m:g}"))
+    needed_m, text = max(needs)
+    if needed_m >= level_m:
         findings.warning(
-            f"auv{number}: a depth of {depth_m:g} + {name} {below_m:g} = {depth_m + below_m:g} m of water are too much "
-            f"to cross the isobath; stay below level_set.level_m ({level_m:g} m)"
+            f"auv{number}: {text} = {needed_m:g} m of water are too much to cross the isobath; stay below "
+            f"level_set.level_m ({level_m:g} m)"
         )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError, is_given
+from auv_lse_common.mission_file.port_address import read_address
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import SHARED
 from auv_lse_common.mission_file.settings import Patterns, Settings
@@ -148,7 +149,7 @@ def _check_modem(settings: Settings, number: int, findings: Findings) -> None:
             findings.error(str(error))
     if findings.usable("modem.port", vehicle=number):
         _check_device("modem.port", modem.port, findings)
-        if "://" not in modem.port:
+        if read_address(modem.port).kind == "serial":
             _check_package("serial", f"modem.port = {modem.port}", findings)
 
 
@@ -163,13 +164,15 @@ def _check_link(settings: Settings, number: int, findings: Findings) -> None:
         _check_package(package, "link.kind = mavlink", findings)
     if link.key_file and findings.usable("link.key_file", vehicle=number):
         _check_key("link.key_file", link.key_file, findings)
-    if link.endpoint.startswith("serial://") and findings.usable("link.endpoint", vehicle=number):
-        _check_device("link.endpoint", link.endpoint.removeprefix("serial://").rsplit(":", 1)[0], findings)
+    if findings.usable("link.endpoint", vehicle=number) and read_address(link.endpoint).kind == "serial":
+        _check_device("link.endpoint", link.endpoint, findings)
 
 
-def _check_device(name: str, port: str, findings: Findings) -> None:
-    if "://" in port:
-        findings.note(f"{name} = {port}: not checked; it must be reachable when the node starts")
+def _check_device(name: str, text: str, findings: Findings) -> None:
+    address = read_address(text)
+    port = address.position
+    if address.kind != "serial":
+        findings.note(f"{name} = {text}: not checked; it must be reachable when the node starts")
     elif not Path(port).exists():
         findings.error(f"{name}: {port} does not exist on this machine")
     elif not stat.S_ISCHR(os.stat(port).st_mode):

@@ -127,6 +127,7 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     for own in fitted.vehicles:  # a node would refuse them, after the start
         area.grid(own.gp.map_resolution_m, "gp.map_resolution_m")
         area.grid(own.planner.map_spacing_m, "planner.map_spacing_m")
+    fitted.check_origin()
     if options.for_vehicles is None:  # else the files are on the vehicles
         check_priors(fitted)
     apart = "" if fitted.packet.tag else speeds_apart([own.vehicle.speed_mps for own in fitted.vehicles])

@@ -21,6 +21,8 @@ from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
 
 #: Quantile of a log's pressures that counts as the pressure at the surface.
 _SURFACE_SHARE = 0.01
+#: The pressure in a closed hull varies by less than this (Pa).
+_HULL_PA = 5_000.0
 #: Kinds of positions, the best first; NMEA kinds follow their talker.
 _POSITIONS = ("POS", "GLOBAL_POSITION_INT", "GNS", "GGA", "RMC", "GLL", "GPS", "GPS_RAW_INT")
 #: A kind of position with less than this share of the most frequent one's is not preferred to it.
@@ -247,7 +249,7 @@ def _refer_to_surface(log: SurveyLog, sounder: Sounder, choice: Choice) -> None:
 
 
 def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) -> None:
-    """The vehicle's depth from the water's barometer: beyond the air's pressure, else the one that varies most."""
+    """The vehicle's depth from the water's barometer: the one that varies most; if none does, beyond the air's."""
     tables = content.pressures
     if not tables:
         raise LogError(
@@ -260,7 +262,11 @@ def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) ->
         low, high = np.quantile(tables[name][:, 1], (_SURFACE_SHARE, 1.0 - _SURFACE_SHARE))
         return float(low), float(high)
 
-    kind = max(tables, key=lambda name: (middle(name)[0] > HIGHEST_AIR_PA, middle(name)[1] - middle(name)[0]))
+    def rank(name: str) -> tuple[float, bool, float]:
+        low, high = middle(name)
+        return (high - low if high - low > _HULL_PA else 0.0, low > HIGHEST_AIR_PA, high - low)
+
+    kind = max(tables, key=rank)
     found, lat_deg = tables[kind], float(np.median(log.positions[:, 1]))
     surface_pa = middle(kind)[0]
     depths = [max(depth_of(pa - surface_pa, density_kgpm3, lat_deg), 0.0) for pa in found[:, 1].tolist()]
@@ -270,8 +276,8 @@ def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) ->
     if surface_pa > HIGHEST_AIR_PA:
         log.questions.append(
             f"the lowest pressure of {kind} is {surface_pa / 100.0:.0f} hPa, more than the air's. If the log begins "
-            "and ends under water, all depths are too small by the barometer's least depth: import the whole dive, or "
-            "add that depth to --draught"
+            "and ends under water, all depths are too small by the vehicle's smallest depth in the log: import the "
+            "whole dive, or add that depth to --draught"
         )
 
 

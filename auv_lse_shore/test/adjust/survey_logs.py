@@ -95,7 +95,7 @@ class Dataflash:
         self.data += b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(_CODES[c] for c in codes), *values)
 
 
-def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0, dives_at=20):
+def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0, dives_at=20, hull_pa=97_000.0):
     """GPS, POS and RFND of each row; a submarine dives to `immersion_m` in a row, and also logs pressures."""
     log = Dataflash()
     log.add("MSG", 0, vehicle.encode())
@@ -105,7 +105,7 @@ def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0, dives_at=20):
         sunk = immersion_m if i >= dives_at else 0.0
         lat_e7, lon_e7 = round(lat * 1e7), round(lon * 1e7)
         log.add("GPS", us, 0, 4, round(of_week * 1000), int(week), 12, 90, lat_e7, lon_e7, 37200, 2.0, 0.0, 0.0, 0.0, 1)
-        log.add("BARO", us, 0, 0.0, 97_000.0 + i % 3)
+        log.add("BARO", us, 0, 0.0, hull_pa + i % 3)
         log.add("BARO", us, 1, 0.0, 97_000.0 + sunk * 998.0 * 9.8075)
         log.add("POS", us, lat_e7, lon_e7, 372.0, -sunk, 0.0)
         log.add("RFND", us, 0, round(100 * (depth - sunk)), 4, 25)

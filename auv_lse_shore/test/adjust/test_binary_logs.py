@@ -225,6 +225,14 @@ def test_one_wrong_pressure_does_not_make_the_hull_s_barometer_the_water_s(tmp_p
     assert placed.soundings[:, 3] == pytest.approx(depth_m(*placed.soundings[:, 1:3].T), abs=0.05)
 
 
+def test_a_warm_hull_above_the_air_s_pressure_is_not_the_water(tmp_path):
+    path = tmp_path / "a.bin"
+    path.write_bytes(dataflash(ROWS, "ArduSub V4.5.3", immersion_m=3.0, hull_pa=109_000.0).data)
+    found = gathered(path)
+    assert "the vehicle's own depth from BARO 1" in found.lines[0]
+    assert not [line for line in found.lines if "question: the lowest pressure" in line]
+
+
 @pytest.mark.parametrize("dives_at", [0, 20])
 def test_a_dive_that_is_logged_without_its_begin_has_no_pressure_of_the_surface(tmp_path, dives_at):
     """Its depths would be 3 m too small without a word."""
@@ -234,8 +242,8 @@ def test_a_dive_that_is_logged_without_its_begin_has_no_pressure_of_the_surface(
     assert "the vehicle's own depth from BARO 1" in lines[0]
     question = (
         "- question: the lowest pressure of BARO 1 is 1264 hPa, more than the air's. If the log begins and ends under "
-        "water, all depths are too small by the barometer's least depth: import the whole dive, or add that depth to "
-        "--draught"
+        "water, all depths are too small by the vehicle's smallest depth in the log: import the whole dive, or add "
+        "that depth to --draught"
     )
     assert (question in lines) == (dives_at == 0), lines
 

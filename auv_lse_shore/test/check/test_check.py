@@ -135,6 +135,8 @@ def test_one_round_reports_every_mistake(tmp_path: Path) -> None:
         ({"sim": {"dvl": {"rate_hz": 0, "dropout_min_s": 9.0}, "lake": {"level_m": 99.0}}}, None,
          ["dvl.rate_hz", "dvl.dropout_min_s is 9 s", "lake.terrace_m, level_m"]),
         ({"mission": {"vehicles": 0}}, {"modem": {"kind": "micromodem"}}, ["vehicles", r"\(auv2\): modem.port"]),
+        ({"link": {"kind": "mavlink", "endpoint": "foo", "mode": "mission"}}, None, ["link.endpoint"]),
+        ({"link": {"kind": "mavlink", "mode": "mission"}, "gp.x": 1}, None, ["gp.x", "link.mode"]),
         ({"gp.kernel.x": 1, "gp.kernel": "wendland_c2", "motion": {"actions_deg": []}}, None, ["gp.kern", "actions"]),
         ({}, {"mission": {"steps": 5}, "gp": {"x": 1}}, ["/auv2.*: mission is the same", "gp.x"]),
     ],
@@ -146,6 +148,13 @@ def test_one_mistake_hides_no_other(
     assert len(errors) == len(words), errors
     for word in words:
         assert any(re.search(word, error) for error in errors), (word, errors)
+
+
+def test_a_vehicle_that_climbs_in_time_needs_no_more_water(tmp_path: Path) -> None:
+    vehicle = {"depth_m": 4.0, "min_altitude_m": 3.0, "min_water_m": 3.0}
+    safety = {"min_altitude_m": 2.0, "altitude_response": "surface"}
+    path = write(tmp_path, own={"vehicle": vehicle, "safety": safety}, level_set={"level_m": 5.5})
+    assert not [text for text in found(path, "warning") if "auv2" in text and "water" in text]
 
 
 def test_a_mission_is_compared_with_the_battery(tmp_path: Path) -> None:
@@ -233,12 +242,23 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
             r"auv2: safety.max_depth_m 4 is not deeper than vehicle.depth_m 4, so that the response \(surface\)",
         ),
         ({}, {"safety": {"max_depth_m": 2.0, "depth_response": "warn"}}, "warning", "auv2: safety.max_depth_m 2 is"),
-        ({}, {"safety": {"min_altitude_m": 14.0}}, "warning", r"auv2: a depth of 1 \+ safety.min_altitude_m 14 = 15 m"),
+        (
+            {"level_set": {"level_m": 2.5}},
+            {"vehicle": {"depth_m": 0.0, "min_altitude_m": 1.5}},
+            "warning",
+            r"auv2: vehicle.depth_m 0 \+ vehicle.min_water_m 3 = 3 m of water are too much",
+        ),
+        (
+            {},
+            {"safety": {"min_altitude_m": 14.0}},
+            "warning",
+            r"auv2: 1 m, to which it climbs, \+ safety.min_altitude_m 14 ",
+        ),
         (
             {},
             {"safety": {"min_altitude_m": 11.0, "altitude_response": "hold"}},
             "warning",
-            r"auv2: a depth of 4 \+ safety.min_altitude_m 11 = 15 m of water are too much",
+            r"auv2: vehicle.depth_m 4 \+ safety.min_altitude_m 11 = 15 m of water are too much",
         ),
         (
             {},
@@ -313,6 +333,13 @@ def test_the_machine_of_a_vehicle_is_checked(tmp_path: Path) -> None:
     assert any("has a section sim" in text for text in warnings)
     assert "record.folder is empty, so the dive is not recorded; set a folder" in warnings
     assert found(path, "error", "auv4") == [*found(path, "error"), "auv4 is not in the mission, which has 3 vehicles"]
+    fast = write(
+        tmp_path, modem={**modem, "port": "/dev/no_modem:115200"}, link={**link, "endpoint": "/dev/no_such:57600"}
+    )
+    assert {
+        "modem.port: /dev/no_modem does not exist on this machine",
+        "link.endpoint: /dev/no_such does not exist on this machine",
+    } <= set(found(fast, "error", "auv2"))
 
 
 def test_degrees_alone_need_the_origin_of_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

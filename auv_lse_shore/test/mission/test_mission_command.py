@@ -39,6 +39,11 @@ pytestmark = pytest.mark.ros
 PORT = ("--set", "modem.port=/dev/ttyUSB0")
 
 
+def test_a_folder_that_no_port_can_lie_in_is_refused_by_name() -> None:
+    with pytest.raises(ParameterError, match=r"folder /runs/10:30 has a colon in its name, .* another --out"):
+        hardware_of("emulated", "direct", Settings.load(), Path("/runs/10:30"))
+
+
 def test_a_link_that_is_down_for_a_while_finds_its_port_free() -> None:
     wanted = hardware_of("direct", "mavlink", Settings.load(), Path("/nowhere"))
     ports = [int(wanted[f"auv{k}.link.endpoint"].rsplit(":", 1)[1]) for k in (1, 2, 3)]

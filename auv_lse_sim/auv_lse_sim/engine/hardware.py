@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.settings import least_send_duration_s
 
@@ -25,8 +26,16 @@ def hardware_of(
         vehicle_link: "direct", or "mavlink": a free UDP port of this machine per vehicle.
         folder: The run folder, absolute.
         chosen: Names of parameters that the user has set; they are kept.
+
+    Raises:
+        ParameterError: if the folder's name cannot be part of a port's address.
     """
     vehicles = settings.mission.vehicles
+    if modem == "emulated" and ":" in str(folder):
+        raise ParameterError(
+            f"the folder {folder} has a colon in its name, which the ports of emulated modems cannot have. Choose "
+            "another --out"
+        )
     wanted: dict[str, Any] = {}
     pings = any(own.modem.ping for own in settings.vehicles)
     if modem == "emulated" and not pings and not any(name.endswith("modem.synchronous") for name in chosen):

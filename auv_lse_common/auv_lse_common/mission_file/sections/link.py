@@ -145,7 +145,8 @@ class LinkConfig:
         Raises:
             ParameterError: naming the keys and values.
         """
-        check_address("endpoint", self.endpoint)
+        if self.kind == "mavlink":
+            check_address("endpoint", self.endpoint)
         if self.lost_after_s <= self.heartbeat_period_s:
             raise ParameterError(
                 f"lost_after_s is {self.lost_after_s:g} s, but must be longer than heartbeat_period_s "

@@ -110,7 +110,7 @@ class ModemConfig:
         """
         if self.kind == "micromodem" and not self.port:
             raise ParameterError("port is empty, but kind 'micromodem' needs a serial device or 'tcp://HOST:PORT'")
-        if self.port:
+        if self.kind == "micromodem":
             check_address("port", self.port)
         if self.ping and self.synchronous:
             raise ParameterError(
