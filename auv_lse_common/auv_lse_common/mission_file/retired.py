@@ -4,7 +4,6 @@
 `parameters.py` names the replacement from here when it refuses one of them in a mission file.
 """
 
-import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -68,6 +67,9 @@ RETIRED_VALUES: Mapping[str, Mapping[str, str]] = {
     "planner.method": {"best": "tour", "bounded": "tour", "map": "tour"},
 }
 
+#: The lowest and the highest value of each number, by its dotted name; `sections/table.py` enters them.
+LIMITS: dict[str, tuple[float | None, float | None]] = {}
+
 
 def replacement(name: str, value: Any) -> str | None:
     """The value that replaced a retired `value` of the parameter `name` ("planner.method"); None if it is not retired.
@@ -128,18 +130,9 @@ def _without_retired(values: Mapping[str, Any], section: str = "") -> dict[str, 
     return kept
 
 
-@functools.cache
-def _limits() -> dict[str, tuple[float | None, float | None]]:
-    """The lowest and the highest value of each number, by its dotted name."""
-    from auv_lse_common.mission_file.parameters import limits_of  # here, because they read this module
-    from auv_lse_common.mission_file.sections.table import SECTIONS
-
-    return {name: found for section, kind in SECTIONS.items() for name, found in limits_of(kind, f"{section}.").items()}
-
-
 def _limited(name: str, value: Any) -> Any:
     """A recorded value of the parameter `name`, or the limit that it exceeds."""
-    low, high = _limits().get(name, (None, None))
+    low, high = LIMITS.get(name, (None, None))
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     if low is not None and value < low:

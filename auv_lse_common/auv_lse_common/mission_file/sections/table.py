@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import SECTIONS_OF, ParameterError
-from auv_lse_common.mission_file.retired import RENAMED
+from auv_lse_common.mission_file.parameters import SECTIONS_OF, ParameterError, limits_of
+from auv_lse_common.mission_file.retired import LIMITS, RENAMED
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
@@ -60,6 +60,7 @@ TEAM_SECTIONS: dict[str, type] = typing.get_type_hints(TeamSections)
 VEHICLE_SECTIONS: dict[str, type] = typing.get_type_hints(VehicleSections)
 SECTIONS: dict[str, type] = {**TEAM_SECTIONS, **VEHICLE_SECTIONS}
 for _name, _section in SECTIONS.items():
+    LIMITS.update(limits_of(_section, f"{_name}."))
     for _field in dataclasses.fields(_section):
         SECTIONS_OF.setdefault(_field.name, []).append(_name)
 
