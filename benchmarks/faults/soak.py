@@ -16,6 +16,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.free_memory import return_free_memory
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
@@ -110,6 +111,7 @@ def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -
             decision_s = max(decision_s, time.process_time() - deciding)
             fleet.world.command(1, decided[0].leg)
         if tick % max(1, ticks // 10) == 0:
+            return_free_memory()  # as a vehicle's nodes do every second
             samples.append(Sample(float(tick), memory_mb(), len(cores.map.gp), decision_s, tick_s))
             say(f"{tick / 60.0:.1f} min of the mission: {samples[-1].memory_mb:.0f} MB, {len(cores.map.gp)} centers")
             decision_s = tick_s = 0.0
