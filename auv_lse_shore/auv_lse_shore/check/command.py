@@ -116,11 +116,6 @@ def check(
     number = None if vehicle is None else vehicle_number(vehicle)
     check_files(settings, number, findings)
     settings = check_geometry(settings, findings)
-    if findings.usable("link", "area"):
-        try:
-            settings.check_origin()
-        except ParameterError as error:
-            findings.error(str(error))
     if findings.usable("mission", "planner.method"):
         methods = sorted({own.planner.method for own in settings.vehicles})
         team, legs = counted(settings.mission.vehicles, "vehicle"), counted(settings.mission.steps, "leg")

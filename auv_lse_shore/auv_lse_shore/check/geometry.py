@@ -31,7 +31,7 @@ _DEPTHS = (
 
 
 def check_geometry(settings: Settings, findings: Findings) -> Settings:
-    """Checks starts, lanes, depth separation, and whether vehicles can reach the area and cross the isobath.
+    """Checks starts, lanes, depths, origin, and whether vehicles can reach the area and cross the isobath.
 
     Each check runs if the parameters that it reads are usable.
 
@@ -65,6 +65,11 @@ def check_geometry(settings: Settings, findings: Findings) -> Settings:
         for text in texts:
             findings.warning(text)
     settings = _check_ground(settings, findings)
+    if findings.usable("link", "area"):
+        try:
+            settings.check_origin()
+        except ParameterError as error:
+            findings.error(str(error))
     read = ("area.polygon_m", "area.no_go", "motion", "mission", "gp", "level_set")
     if findings.usable(*read, "vehicle.speed_mps", "sim.dynamics", "sim.current", "sim.ideal"):
         for text in expectations(settings):
