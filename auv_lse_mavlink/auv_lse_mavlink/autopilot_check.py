@@ -8,6 +8,7 @@ its findings hold for the link.
 import itertools
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
@@ -77,10 +78,11 @@ class AutopilotCheck:
         options: CheckOptions | None = None,
         key: bytes | None = None,
         nonce: int | None = None,
+        steady: Callable[[], float] | None = None,
     ) -> None:
         """Prepares the check; arguments as for `VehicleLink`."""
         self._options = options or CheckOptions()
-        self.link = VehicleLink(config, vehicle, self._options.origin, key=key, nonce=nonce)
+        self.link = VehicleLink(config, vehicle, self._options.origin, key=key, nonce=nonce, steady=steady)
         self._key = key
         self.messages: Counter[str] = Counter()
         self.problems: list[str] = []

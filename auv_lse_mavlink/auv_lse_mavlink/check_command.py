@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
         raise ParameterError(f"--vehicle must be 1 to 255, not {options.vehicle}")
     origin = Origin(lat_deg=options.origin[0], lon_deg=options.origin[1]) if options.origin else None
     wanted = CheckOptions(mission=options.mode == "mission", origin=origin, depth_m=options.depth, port=options.port)
-    check = AutopilotCheck(config, options.vehicle, wanted, key, new_nonce())
+    check = AutopilotCheck(config, options.vehicle, wanted, key, new_nonce(), time.monotonic)
     connection = Connection(lambda: open_transport(address, check.recognizes), 0.2, 1.0)
     try:
         return _run(Session(check, connection), options)

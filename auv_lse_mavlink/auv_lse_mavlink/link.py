@@ -30,11 +30,11 @@ from collections import Counter
 from collections.abc import Callable
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.safety.watch import LONGEST_STEP_S, AutopilotReport
+from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_mavlink.depth_gauge import DepthGauge
-from auv_lse_mavlink.messages.clock import AutopilotClock
+from auv_lse_mavlink.messages.clock import AutopilotClock, HostClock
 from auv_lse_mavlink.messages.conversion import Target, altitude_m, pressure_pa
 from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState, Event, LinkLost, LinkUp, Problem
@@ -74,6 +74,7 @@ class VehicleLink:
         limits: TargetLimits | None = None,
         key: bytes | None = None,
         nonce: int | None = None,
+        steady: Callable[[], float] | None = None,
     ) -> None:
         """Starts in state DOWN.
 
@@ -84,6 +85,7 @@ class VehicleLink:
             key: Key with which messages are signed, both ways; None: they are not signed.
             nonce: With a key: a random number that the autopilot must repeat before it counts as heard, so that no
                 recorded message does (`wire.py`).
+            steady: A clock (s) that is never set, which times all waits; None: time is simulated.
 
         Raises:
             ValueError: if missions are to be uploaded and there is no origin, or the key has a wrong length.
@@ -112,7 +114,7 @@ class VehicleLink:
         self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts, limits.is_afloat)
         self._fix_s = -math.inf  # when GPS last had a fix
         self._received_s = -math.inf  # when the last message of the autopilot arrived
-        self._utc_s, self._set_back_s = -math.inf, 0.0  # the host's clock, and by how much in all it was set back
+        self._utc_s, self._host_clock = -math.inf, HostClock(steady)
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
         self._heard_utc_s = -math.inf
         self._attitude: Message | None = None
@@ -271,11 +273,10 @@ class VehicleLink:
 
     def _tick(self, now_s: float) -> None:
         """Advances to the host's clock. If that is set, `_now_s`, which times all waits, does not jump with it."""
-        if math.isfinite(self._utc_s) and not 0.0 <= now_s - self._utc_s <= LONGEST_STEP_S:
+        if self._host_clock.advance(now_s):
             self.counts["clock_steps"] += 1
-            self._set_back_s += self._utc_s - now_s
             self._clock.forget_utc()
-        self._utc_s, self._now_s = now_s, now_s + self._set_back_s
+        self._utc_s, self._now_s = now_s, self._host_clock.now_s
         self._sender_filter.renew(self._now_s)
         self._codec.set_time(now_s)
 

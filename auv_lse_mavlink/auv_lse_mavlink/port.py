@@ -1,6 +1,6 @@
 """A vehicle's MAVLink link on its endpoint, with the sounder; `vehicle_link_node` owns one."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
@@ -43,6 +43,7 @@ class AutopilotPort:
         origin: Origin | None,
         limits: TargetLimits | None = None,
         key: bytes | None = None,
+        steady: Callable[[], float] | None = None,
     ) -> None:
         """Prepares the link with the arguments of `VehicleLink`; opens nothing yet.
 
@@ -50,7 +51,7 @@ class AutopilotPort:
             ValueError: if `link.endpoint` is not an address; see also `VehicleLink`.
         """
         address = read_address(config.endpoint, BAUD)
-        self.link = VehicleLink(config, vehicle, origin, limits, key, new_nonce())
+        self.link = VehicleLink(config, vehicle, origin, limits, key, new_nonce(), steady)
         self.connection = Connection(
             lambda: open_transport(address, self.link.recognizes), config.backoff_min_s, config.backoff_max_s
         )

@@ -4,6 +4,8 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 
 # isort: split
 
+import time
+
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig
@@ -40,7 +42,9 @@ class VehicleLinkNode(DriverNode):
         try:
             limits = target_limits(self.parameters, self.where)
             key = read_key(config.key_file) if config.key_file else None
-            self._autopilot = AutopilotPort(config, self.vehicle, origin, limits, key)
+            simulated = self.lockstep or self.get_parameter("use_sim_time").value
+            steady = None if simulated else time.monotonic
+            self._autopilot = AutopilotPort(config, self.vehicle, origin, limits, key, steady)
         except ValueError as error:
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})

@@ -335,14 +335,24 @@ def test_an_autopilot_that_falls_silent_is_lost_in_time_although_the_host_sets_i
     assert state.stamp_s == NOW_S, "by the clock of that time"
 
 
-@pytest.mark.parametrize("by_s", [3600.0, -3600.0])
-def test_a_clock_that_is_set_loses_no_link(by_s):
-    pilot = Autopilot(lost_after_s=5.0).up()
+@pytest.mark.parametrize(
+    ("by_s", "is_steady"),
+    [*((by_s, True) for by_s in (3600.0, 9.9, 6.0, 2.0, -2.0)), (3600.0, False), (-3600.0, False)],
+)
+def test_a_clock_that_is_set_loses_no_link_and_changes_no_sender(by_s, is_steady):
+    """Without a steady clock, short steps ahead are ticks of a simulation."""
+    pilot, set_s = Autopilot(), 0.0
+    steady = (lambda: pilot.now_s - set_s) if is_steady else None
+    pilot.link = VehicleLink(LinkConfig(kind="mavlink", lost_after_s=5.0), 2, ORIGIN, steady=steady)
+    pilot.up()
     pilot.wait(2.0)
-    pilot.now_s += by_s
+    pilot.now_s, set_s = pilot.now_s + by_s, by_s
     pilot.link.poll(pilot.now_s)
-    assert (pilot.link.counts["lost"], pilot.link.placed) == (0, True)
+    assert not pilot.link.recognizes(other_heartbeat(2, 1))
+    counts = pilot.link.counts
+    assert (counts["lost"], counts["clock_steps"], pilot.link.placed) == (0, 1, True)
     pilot.wait(6.0, beat=False)
+    assert counts["clock_steps"] == 1
     assert pilot.link.state is LinkState.DOWN
 
 

@@ -106,6 +106,20 @@ def test_a_link_that_cannot_start_names_the_parameter_that_is_wrong(
         pass
 
 
+@pytest.mark.parametrize("by_s", [6.0, -6.0])
+def test_a_hosts_clock_that_is_set_loses_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, by_s: float) -> None:
+    port = free_port()
+    autopilot = Autopilot(port)
+    parameters = f"link: {{kind: mavlink, endpoint: 'udpin://127.0.0.1:{port}', pressure: none}}"
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", parameters) as s:
+        link, clock = s.node._autopilot.link, s.node.now_s
+        s.until(lambda: link.report.heard, autopilot.speak)
+        monkeypatch.setattr(s.node, "now_s", lambda: clock() + by_s)
+        s.until(lambda: link.counts["clock_steps"])
+        assert (link.counts["lost"], link.counts["clock_steps"]) == (0, 1)
+    autopilot.socket.close()
+
+
 def test_a_restarted_link_sends_no_target_before_it_has_the_missions_state(tmp_path: Path) -> None:
     here = AutopilotEstimate(
         stamp_s=1.0, heading_rad=0.0, north_m=10.0, east_m=1.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0

@@ -1,9 +1,42 @@
-"""An autopilot's clock: its time since boot, converted to UTC with its SYSTEM_TIME."""
+"""An autopilot's clock: its time since boot, converted to UTC with its SYSTEM_TIME. The host's clock may be set."""
+
+import math
+from collections.abc import Callable
+
+from auv_lse_common.safety.watch import LONGEST_STEP_S
 
 #: The autopilot's UTC is used if it is within this of the host's clock (s).
 MAX_CLOCK_OFFSET_S = 2.0
 #: A time since boot that falls by more than this (ms) means a reboot; by less, a reordered datagram.
 REBOOT_MS = 1000
+#: A host's clock that differs from a steady one by more than this (s) since the last call was set.
+CLOCK_SET_S = 0.5
+
+
+class HostClock:
+    """A time for waits, which does not jump when the host's clock is set.
+
+    Attributes:
+        now_s: The host's clock (s) at the first call, and the time that has passed since.
+    """
+
+    def __init__(self, steady: Callable[[], float] | None) -> None:
+        """Uses `steady`, a clock that is never set; None: a step back, or beyond `LONGEST_STEP_S`, is a set clock."""
+        self.now_s = self._utc_s = self._steady_s = -math.inf
+        self._steady = steady
+
+    def advance(self, utc_s: float) -> bool:
+        """Advances to `utc_s` of the host's clock; returns whether that was set."""
+        step_s, before_s = utc_s - self._utc_s, self._steady_s
+        self._utc_s, self._steady_s = utc_s, self._steady() if self._steady else utc_s
+        passed_s = self._steady_s - before_s
+        if self._steady is None and not 0.0 <= step_s <= LONGEST_STEP_S:
+            passed_s = 0.0
+        if math.isinf(self.now_s):
+            self.now_s = utc_s
+            return False
+        self.now_s += passed_s
+        return abs(step_s - passed_s) > CLOCK_SET_S
 
 
 class AutopilotClock:
