@@ -62,8 +62,8 @@ def parser() -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Checks a modem. Returns 0 or 1, see --help."""
+    read_address(options.port)  # names the argument; the configuration would name its section
     config = _config(options)
-    read_address(options.port, config.baud)
     for name, low, high in (("vehicle", 1, 127), ("ping", 1, 127), ("send", 0, 127), ("count", 1, 1000)):
         value = getattr(options, name)
         if value is not None and not low <= value <= high:

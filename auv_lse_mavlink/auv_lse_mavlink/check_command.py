@@ -87,10 +87,10 @@ def parser() -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Checks an autopilot. Returns 0 or 1, see --help."""
+    address = read_address(options.endpoint, _BAUD)
     values = {"endpoint": options.endpoint, "pressure": options.pressure}
     values |= {"zero_afloat": options.afloat > 0.0, "sensor_depth_m": options.afloat}
     config = from_mapping(LinkConfig, values, "command line")
-    address = read_address(options.endpoint, _BAUD)
     key = read_key(options.key) if options.key else None
     if options.send_key and key is None:
         raise ParameterError("--send-key needs --key FILE.")

@@ -1,5 +1,8 @@
+import pytest
+
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_comms.transport import UdpPort
+from auv_lse_comms.transport import AddressError, UdpPort
+from auv_lse_mavlink import check_command
 from auv_lse_mavlink.port import AutopilotPort
 
 
@@ -16,3 +19,8 @@ def test_an_endpoint_that_cannot_be_opened_is_reported_once_and_retried():
         assert pilot.step(float(n), float(n)) == []
     assert pilot.transport is not None
     assert pilot.close(200.0, 200.0) == []
+
+
+def test_a_check_names_an_endpoint_that_is_no_address_as_it_was_typed():
+    with pytest.raises(AddressError, match="^'foo' is not an address"):
+        check_command.run(check_command.parser().parse_args(["foo"]))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
+
 from auv_lse_common.mission_file.sections.modem import ModemConfig
+from auv_lse_comms import modem_check_command
 from auv_lse_comms.micromodem.configuration import settings_of
 from auv_lse_comms.micromodem.modem_check import BAND, ModemCheck
 from auv_lse_comms.micromodem.sentences.fields import iso_time
 from auv_lse_comms.micromodem.sentences.wire import Sentence, SentenceReader
+from auv_lse_comms.transport import AddressError
 
 NOW_S = 1_777_802_400.0
 
@@ -150,3 +154,8 @@ def test_the_firmware_is_shown_when_it_is_reported():
     settings = config()
     revision = Sentence("CAREV", ("120000", "AUV", "2.0.27087")).encode()
     assert "firmware: 2.0.27087" in texts(checked(Modem(right(settings)), settings, noise=revision), True)
+
+
+def test_a_port_that_is_no_address_is_named_as_it_was_typed():
+    with pytest.raises(AddressError, match="^'ttyUSB0' is not an address"):
+        modem_check_command.run(modem_check_command.parser().parse_args(["ttyUSB0"]))
