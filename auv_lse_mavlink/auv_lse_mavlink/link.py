@@ -63,6 +63,7 @@ class VehicleLink:
         state: Whether the autopilot is heard.
         status: What the autopilot reports about itself.
         gauge: Depth of the vehicle.
+        senders: Who sends on its port.
         counts: Event counts by name.
     """
 
@@ -101,7 +102,9 @@ class VehicleLink:
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
         self._codec = MavlinkCodec(config.system_id, config.component_id, key, nonce)
-        self._sender_filter = SenderFilter(self._codec, self._autopilot, self.counts, self._report_problem)
+        self.senders = SenderFilter(
+            self._codec, self._autopilot, config.lost_after_s, self.counts, self._report_problem
+        )
         self._out: list[bytes] = []
         self._events: list[Event] = []
         self._clock = AutopilotClock()
@@ -136,7 +139,7 @@ class VehicleLink:
                 self.counts["to_others"] += 1
                 continue
             self._received_s = self._now_s
-            self._sender_filter.heard()
+            self.senders.heard()
             handler = HANDLERS.get(message.get_type())
             if handler is not None:
                 handler(self, message)
@@ -186,7 +189,7 @@ class VehicleLink:
 
     def recognizes(self, datagram: bytes) -> bool:
         """Whether a new sender's datagram contains a message of this vehicle's autopilot; counts it if not."""
-        return self._sender_filter.recognizes(datagram)
+        return self.senders.recognizes(datagram)
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now, one message each; each is returned once."""
@@ -277,7 +280,7 @@ class VehicleLink:
             self.counts["clock_steps"] += 1
             self._clock.forget_utc()
         self._utc_s, self._now_s = now_s, self._host_clock.now_s
-        self._sender_filter.renew(self._now_s)
+        self.senders.renew(self._now_s)
         self._codec.set_time(now_s)
 
     def _forget_autopilot(self, rebooted: bool) -> None:

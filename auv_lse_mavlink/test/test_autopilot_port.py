@@ -22,5 +22,5 @@ def test_an_endpoint_that_cannot_be_opened_is_reported_once_and_retried():
 
 
 def test_a_check_names_an_endpoint_that_is_no_address_as_it_was_typed():
-    with pytest.raises(AddressError, match="^'foo' is not an address"):
+    with pytest.raises(AddressError, match=r"^'foo' is not an address"):
         check_command.run(check_command.parser().parse_args(["foo"]))

@@ -456,11 +456,38 @@ def test_a_second_autopilot_with_the_same_ids_is_ignored_and_reported():
         pilot.wait(1.0)
         assert not pilot.link.recognizes(other)
     (text,) = [problem.text for problem in pilot.of(events.Problem)]
-    assert text.startswith(
-        "another sender has the autopilot's system id 2, and is ignored. Give each autopilot its own"
+    assert text == (
+        "another sender has the autopilot's system ID 2, and is ignored. Give each autopilot its own system ID "
+        "(SYSID_THISMAV, MAV_SYSID since 4.8) or port, and send its messages here by one route only."
     )
     pilot.wait(SILENT_S + 0.1, beat=False)
     assert pilot.link.recognizes(other), "a router that was restarted sends from another port"
+
+
+def test_a_router_that_is_restarted_twice_is_no_second_autopilot():
+    pilot = Autopilot().up()
+    for _ in range(3):
+        assert not pilot.link.recognizes(other_heartbeat(2, 1))
+        pilot.wait(20.0 * TWIN_S)
+    assert pilot.of(events.Problem) == []
+    assert pilot.link.counts["twins"] == 3
+
+
+def test_a_second_autopilot_takes_over_when_the_link_is_lost_and_that_is_reported():
+    pilot = Autopilot(lost_after_s=3.9).up()
+
+    def second_passes(beat):
+        pilot.wait(1.0, beat)
+        return pilot.link.recognizes(other_heartbeat(2, 1))
+
+    assert not any(second_passes(beat=True) for _ in range(round(TWIN_S) + 2))
+    assert [second_passes(beat=False) for _ in range(4)] == [False, False, False, True]
+    assert not pilot.link.recognizes(other_heartbeat(2, 1)), "until that one is silent"
+    pilot.wait(0.1)
+    _, text = [problem.text for problem in pilot.of(events.Problem)]
+    assert text.startswith(
+        "the autopilot was silent for 4.0 s; another sender with its system ID 2 takes its place. Give each autopilot"
+    )
 
 
 def test_the_origin_is_asked_for_and_set_if_there_is_none():

@@ -157,5 +157,5 @@ def test_the_firmware_is_shown_when_it_is_reported():
 
 
 def test_a_port_that_is_no_address_is_named_as_it_was_typed():
-    with pytest.raises(AddressError, match="^'ttyUSB0' is not an address"):
+    with pytest.raises(AddressError, match=r"^'ttyUSB0' is not an address"):
         modem_check_command.run(modem_check_command.parser().parse_args(["ttyUSB0"]))

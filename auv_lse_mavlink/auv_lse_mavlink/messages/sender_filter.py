@@ -12,20 +12,34 @@ from auv_lse_mavlink.messages.wire import MavlinkCodec
 #: Largest number of bytes of other senders that are parsed to find the autopilot, until `renew`.
 EXAMINED_BYTES = 16384
 #: Another sender with the autopilot's ids is the autopilot after this time (s) of silence: ArduSub's failsafe acts
-#: 2.5 s after the stack's last heartbeat. One that sends for `TWIN_S` (s) beside the autopilot is reported.
+#: 2.5 s after the stack's last heartbeat. One that sends beside the autopilot for `TWIN_S` (s), without a gap of
+#: `SILENT_S`, is a second autopilot: it is reported, and takes over only when the link is lost.
 SILENT_S, TWIN_S = 1.5, 5.0
+#: The cure for a second autopilot.
+_CURE = (
+    "Give each autopilot its own system ID (SYSID_THISMAV, MAV_SYSID since 4.8) or port, and send its messages here by "
+    "one route only."
+)
 
 
 class SenderFilter:
     """Recognizes one autopilot's datagrams."""
 
     def __init__(
-        self, codec: MavlinkCodec, autopilot: tuple[int, int], counts: Counter[str], report: Callable[[str], None]
+        self,
+        codec: MavlinkCodec,
+        autopilot: tuple[int, int],
+        lost_after_s: float,
+        counts: Counter[str],
+        report: Callable[[str], None],
     ) -> None:
         """Uses `codec` to read; counts "other_senders", "other_senders_unread" and "twins" in `counts`."""
+        self._lost_after_s = max(lost_after_s, SILENT_S)
         self._codec, self._autopilot, self._counts, self._report = codec, autopilot, counts, report
         self._examined_bytes = 0
-        self._now_s = self._heard_s = self._twin_s = -math.inf
+        self._now_s = self._heard_s = -math.inf
+        self._first_twin_s = self._twin_s = -math.inf  # first and last time of a second sender, without a gap
+        self._is_reported = False
 
     def renew(self, now_s: float) -> None:
         """Advances to `now_s` (s), and allows another `EXAMINED_BYTES`."""
@@ -40,24 +54,29 @@ class SenderFilter:
 
         Without the autopilot's ids, or beyond `EXAMINED_BYTES`, it is rejected before it is parsed.
         """
-        found = bytes(self._autopilot) in datagram and self._examine(datagram)
-        if found and self._now_s - self._heard_s < SILENT_S:
-            self._note_twin()
-            found = False
+        found = bytes(self._autopilot) in datagram and self._examine(datagram) and self._takes_over()
         self._counts["other_senders"] += not found
         return found
 
-    def _note_twin(self) -> None:
-        """Counts another sender with the autopilot's ids, and reports it once."""
-        if not self._counts["twins"]:
-            self._twin_s = self._now_s
+    def _takes_over(self) -> bool:
+        """Whether a new sender with the autopilot's ids is the autopilot from now on; counts and reports it."""
+        silent_s, has_gap = self._now_s - self._heard_s, self._now_s - self._twin_s > SILENT_S
+        is_twin = not has_gap and self._twin_s - self._first_twin_s >= TWIN_S
+        name = f"system ID {self._autopilot[0]}"
+        if not silent_s < (self._lost_after_s if is_twin else SILENT_S):  # NaN before the first `renew`
+            if is_twin:
+                self._heard_s = self._now_s
+                self._report(
+                    f"the autopilot was silent for {silent_s:.1f} s; another sender with its {name} takes its place. "
+                    f"{_CURE}"
+                )
+            return True
+        self._first_twin_s, self._twin_s = self._now_s if has_gap else self._first_twin_s, self._now_s
         self._counts["twins"] += 1
-        if self._now_s - self._twin_s >= TWIN_S:
-            self._twin_s = math.inf
-            self._report(
-                f"another sender has the autopilot's system id {self._autopilot[0]}, and is ignored. Give each "
-                "autopilot its own (SYSID_THISMAV, MAV_SYSID since 4.8) or its own port, and each one way to it"
-            )
+        if self._twin_s - self._first_twin_s >= TWIN_S and not self._is_reported:
+            self._is_reported = True
+            self._report(f"another sender has the autopilot's {name}, and is ignored. {_CURE}")
+        return False
 
     def _examine(self, datagram: bytes) -> bool:
         self._examined_bytes += len(datagram)
