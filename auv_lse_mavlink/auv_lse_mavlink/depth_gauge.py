@@ -265,7 +265,7 @@ class DepthGauge:
         return (
             f"depth is zeroed at {self.zero_pa / 100.0:.0f} hPa, more than air ever has. If the vehicle is under "
             f"water, it travels {too_small_m:.1f} m too deep: bring it to the surface, disarmed, before GO. If it is "
-            "there, check the sensor"
+            "at the surface, check the sensor"
         )
 
     def _note_surfacing(self) -> None:
