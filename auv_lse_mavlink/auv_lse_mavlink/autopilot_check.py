@@ -89,7 +89,6 @@ class AutopilotCheck:
         self._config = config
         self._autopilot = config.autopilot_system_id or vehicle, config.autopilot_component_id
         self._reader = MavlinkCodec(config.system_id, config.component_id, key, nonce)
-        self._others: set[tuple[int, int]] = set()  # systems and components
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._origin = False
         self.parameters = ParameterReader(self.link.send, *self._autopilot)
@@ -118,23 +117,13 @@ class AutopilotCheck:
         self._now_s = now_s
         self._reader.set_time(now_s)
         for message in self._reader.decode(data):
-            sender = message.get_srcSystem(), message.get_srcComponent()
-            if sender != self._autopilot:
-                self._others.add(sender)
-                continue
-            self._take(message)
+            if (message.get_srcSystem(), message.get_srcComponent()) == self._autopilot:
+                self._take(message)
         if data:
             self.link.receive(now_s, data)
         self.link.poll(now_s)
         self._note(self.link.events())
         self._fly(now_s)
-
-    def recognizes(self, datagram: bytes) -> bool:
-        """Whether a datagram contains a message of the autopilot; notes the senders of others."""
-        found = self.link.recognizes(datagram)
-        if not found:
-            self._others |= self._reader.senders(datagram)
-        return found
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now."""
@@ -242,7 +231,9 @@ class AutopilotCheck:
     def findings(self) -> list[Finding]:
         """The findings: what was seen or is missing."""
         if not self.heard:
-            others = ", ".join(f"{system} (component {component})" for system, component in sorted(self._others))
+            others = ", ".join(
+                f"{system} (component {component})" for system, component in sorted(self.link.senders.others)
+            )
             text = f"no heartbeat of system {self._autopilot[0]}: {silence_of(self.link)}"
             return [Finding(ok=False, text=f"{text}; heard instead: {others}" if others else text)]
         found = [*self._streams(), *self._depth_findings(), *self._states()]

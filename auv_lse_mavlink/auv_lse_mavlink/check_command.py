@@ -99,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
     origin = Origin(lat_deg=options.origin[0], lon_deg=options.origin[1]) if options.origin else None
     wanted = CheckOptions(mission=options.mode == "mission", origin=origin, depth_m=options.depth, port=options.port)
     check = AutopilotCheck(config, options.vehicle, wanted, key, new_nonce(), time.monotonic)
-    connection = Connection(lambda: open_transport(address, check.recognizes), 0.2, 1.0)
+    connection = Connection(lambda: open_transport(address, check.link.recognizes), 0.2, 1.0)
     try:
         return _run(Session(check, connection), options)
     finally:

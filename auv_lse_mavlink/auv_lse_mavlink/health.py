@@ -7,15 +7,21 @@ from auv_lse_mavlink.targets.obedience import IGNORED_S
 
 def silence_of(link: VehicleLink) -> str:
     """Why the autopilot is not heard, by what arrives, and the cure."""
-    wire, counts = link.wire, link.counts
-    if wire["unproven"]:
+    wire, senders = link.wire, link.senders
+    if senders.is_unproven:
         return "signed messages arrive, but no answer to TIMESYNC: a replay, or the autopilot hears nothing"
-    if wire["unsigned"]:
-        return "messages arrive without a signature or with another key's; give the autopilot the key (--send-key)"
-    if counts["from_others"] or counts["other_senders"]:
+    if senders.is_unsigned:
+        return (
+            "messages arrive without a signature or with another key's; give the autopilot the key "
+            "(auv_lse autopilot-check --send-key)"
+        )
+    if senders.others:
         return "only other systems or components are heard (link.autopilot_system_id, or the vehicle's number)"
-    if wire["bad"]:
-        return "what arrives is not MAVLink; check the port and its speed"
+    if not link.counts["up"]:  # else port, speed and dialect were right
+        if wire["unknown"] and not wire["bad"]:
+            return "only messages of another MAVLink dialect arrive; the autopilot must send HEARTBEAT to this port"
+        if wire["bad"] or link.counts["other_senders"]:
+            return "what arrives is not MAVLink; check the port and its speed"
     return "nothing arrives; check power, cable and the autopilot's MAVLink endpoint"
 
 

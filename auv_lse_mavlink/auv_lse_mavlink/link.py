@@ -132,14 +132,16 @@ class VehicleLink:
         """Processes bytes from the endpoint."""
         self._tick(now_s)
         for message in self._codec.decode(data):
-            if (message.get_srcSystem(), message.get_srcComponent()) != self._autopilot:
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            if sender != self._autopilot:
+                self.senders.heard(sender)
                 self.counts["from_others"] += 1
                 continue
             if not self._codec.is_addressed(message):
                 self.counts["to_others"] += 1
                 continue
             self._received_s = self._now_s
-            self.senders.heard()
+            self.senders.heard(sender)
             handler = HANDLERS.get(message.get_type())
             if handler is not None:
                 handler(self, message)

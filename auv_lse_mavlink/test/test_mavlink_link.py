@@ -36,6 +36,7 @@ from auv_lse_mavlink.targets.limits import target_limits
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 NOW_S = 1_700_000_000.0
+KEY = bytes(range(32))
 A = Target(north_m=20.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=0)
 B = Target(north_m=40.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=1)
 
@@ -106,6 +107,17 @@ def other_heartbeat(system, component):
     mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
     return mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3).pack(mav)
 
+
+def signed_heartbeat(system, component):
+    mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    mav.signing.secret_key, mav.signing.sign_outgoing = KEY, True
+    mav.signing.timestamp = round((NOW_S - 1_420_070_400.0) * 1e5)
+    return mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3).pack(mav)
+
+
+OTHER_DIALECT = ardupilotmega.MAVLink_ahrs_message(0, 0, 0, 0, 0, 0, 0).pack(
+    ardupilotmega.MAVLink(None, srcSystem=2, srcComponent=1)
+)
 
 # ------------------------------------------------------------------ frames and units
 
@@ -577,13 +589,39 @@ def test_messages_of_another_dialect_are_no_lost_ones():
         (None, bytes(range(200)), "what arrives is not MAVLink; check the port and its speed"),
         (None, other_heartbeat(7, 1), "only other systems or components are heard"),
         (None, other_heartbeat(2, 100), "only other systems or components are heard"),
+        (None, OTHER_DIALECT, "only messages of another MAVLink dialect arrive"),
         (bytes(32), other_heartbeat(2, 1), "messages arrive without a signature or with another key's"),
+        (bytes(32), other_heartbeat(255, 190), "only other systems or components are heard"),
+        (KEY, signed_heartbeat(255, 190), "only other systems or components are heard"),
+        (KEY, signed_heartbeat(2, 1), "signed messages arrive, but no answer to TIMESYNC"),
     ],
 )
-def test_diagnostics_say_why_no_autopilot_is_heard(key, data, words):
-    link = VehicleLink(LinkConfig(kind="mavlink"), 2, ORIGIN, key=key)
-    link.receive(NOW_S, data)
+@pytest.mark.parametrize("kind", ["serial", "udpin"])
+def test_diagnostics_say_why_no_autopilot_is_heard(key, data, words, kind):
+    link = VehicleLink(LinkConfig(kind="mavlink"), 2, ORIGIN, key=key, nonce=5)
+    if kind == "serial" or not data or link.recognizes(data):
+        link.receive(NOW_S, data)
     assert link_health(link, "").text.startswith(f"no autopilot heard: {words}")
+
+
+@pytest.mark.parametrize("noise", [OTHER_DIALECT, bytes(range(200))])
+def test_a_lost_autopilot_was_on_the_right_port_with_the_right_dialect(noise):
+    pilot = Autopilot().up()
+    pilot.link.receive(NOW_S, noise)
+    pilot.wait(6.0, beat=False)
+    assert "nothing arrives; check power" in link_health(pilot.link, "").text
+
+
+def test_a_lost_autopilot_had_the_key_and_has_answered():
+    pilot = Signing()
+    pilot.link = VehicleLink(LinkConfig(kind="mavlink"), 2, ORIGIN, key=KEY, nonce=5)
+    pilot.link.receive(NOW_S, other_heartbeat(2, 1))
+    pilot.beat()
+    pilot.say(mavlink.MAVLink_timesync_message(1, 5))
+    pilot.beat()
+    pilot.wait(6.0, beat=False)
+    pilot.link.receive(pilot.now_s, other_heartbeat(255, 190))
+    assert "only other systems or components are heard" in link_health(pilot.link, "").text
 
 
 # ------------------------------------------------------------------ waypoints one after another
@@ -1049,8 +1087,6 @@ def test_modes_in_which_autopilots_follow_targets(autopilot, kind, mission, mode
 
 
 # ------------------------------------------------------------------ signing
-
-KEY = bytes(range(32))
 
 
 class Signing(Autopilot):

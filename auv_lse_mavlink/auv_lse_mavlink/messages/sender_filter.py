@@ -9,7 +9,8 @@ from collections.abc import Callable
 
 from auv_lse_mavlink.messages.wire import MavlinkCodec
 
-#: Largest number of bytes of other senders that are parsed to find the autopilot, until `renew`.
+#: Largest number of bytes of other senders that are parsed to find the autopilot, until `renew`; while it is silent, as
+#: many again to name the others.
 EXAMINED_BYTES = 16384
 #: Another sender with the autopilot's ids is the autopilot after this time (s) of silence: ArduSub's failsafe acts
 #: 2.5 s after the stack's last heartbeat. One that sends beside the autopilot for `TWIN_S` (s), without a gap of
@@ -36,25 +37,47 @@ class SenderFilter:
         """Uses `codec` to read; counts "other_senders", "other_senders_unread" and "twins" in `counts`."""
         self._lost_after_s = max(lost_after_s, SILENT_S)
         self._codec, self._autopilot, self._counts, self._report = codec, autopilot, counts, report
-        self._examined_bytes = 0
+        self._examined_bytes: Counter[bool] = Counter()  # with the autopilot's ids, and without
+        self._others: set[tuple[int, int]] = set()  # since the autopilot was last heard
         self._now_s = self._heard_s = -math.inf
         self._first_twin_s = self._twin_s = -math.inf  # first and last time of a second sender, without a gap
         self._is_reported = False
 
     def renew(self, now_s: float) -> None:
         """Advances to `now_s` (s), and allows another `EXAMINED_BYTES`."""
-        self._now_s, self._examined_bytes = now_s, 0
+        self._now_s = now_s
+        self._examined_bytes.clear()
 
-    def heard(self) -> None:
-        """A message of the autopilot has arrived."""
+    def heard(self, sender: tuple[int, int]) -> None:
+        """A message of a system and component has arrived."""
+        if sender != self._autopilot:
+            self._others.add(sender)
+            return
         self._heard_s = self._now_s
+        self._others.clear()
+        self._codec.unsigned.clear()
+
+    @property
+    def others(self) -> set[tuple[int, int]]:
+        """Other systems and components heard since the autopilot was, signed or not."""
+        return (self._others | self._codec.unsigned) - {self._autopilot}
+
+    @property
+    def is_unsigned(self) -> bool:
+        """Whether the autopilot is not heard because its messages have no signature, or another key's."""
+        return self._autopilot in self._codec.unsigned
+
+    @property
+    def is_unproven(self) -> bool:
+        """Whether the autopilot is not heard because it has not answered the nonce."""
+        return self._codec.is_unproven(self._autopilot)
 
     def recognizes(self, datagram: bytes) -> bool:
         """Whether a datagram of a new sender contains a message of the autopilot; counts it if not.
 
-        Without the autopilot's ids, or beyond `EXAMINED_BYTES`, it is rejected before it is parsed.
+        Beyond `EXAMINED_BYTES`, or without the autopilot's ids while that is heard, it is rejected before it is parsed.
         """
-        found = bytes(self._autopilot) in datagram and self._examine(datagram) and self._takes_over()
+        found = self._examine(datagram) and self._takes_over()
         self._counts["other_senders"] += not found
         return found
 
@@ -79,8 +102,14 @@ class SenderFilter:
         return False
 
     def _examine(self, datagram: bytes) -> bool:
-        self._examined_bytes += len(datagram)
-        if self._examined_bytes > EXAMINED_BYTES:
+        """Whether a datagram contains a message of the autopilot; notes the senders of others while that is silent."""
+        has_ids = bytes(self._autopilot) in datagram
+        if not has_ids and self._now_s - self._heard_s < SILENT_S:
+            return False
+        self._examined_bytes[has_ids] += len(datagram)
+        if self._examined_bytes[has_ids] > EXAMINED_BYTES:
             self._counts["other_senders_unread"] += 1
             return False
-        return self._autopilot in self._codec.senders(datagram)
+        senders = self._codec.senders(datagram)
+        self._others |= senders - {self._autopilot}
+        return self._autopilot in senders

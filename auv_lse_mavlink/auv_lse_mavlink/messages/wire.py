@@ -47,12 +47,12 @@ class _Mavlink(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
     Attributes:
         nonce: The nonce; None: new streams may be a minute old, as MAVLink prescribes.
         claimed: Newest timestamps by sender of signed messages without an answer; None: they are refused.
-        unproven: Number of messages that were refused for lack of an answer.
+        unproven: Number of messages by sender that were refused for lack of an answer.
     """
 
     nonce: int | None = None
     claimed: dict[tuple[int, int], int] | None = None
-    unproven = 0
+    unproven: Counter[tuple[int, int]]
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
         made = hashlib.sha256(self.signing.secret_key + bytes(msgbuf[:-_SIGNATURE_BYTES])).digest()[:_SIGNATURE_BYTES]
@@ -66,7 +66,7 @@ class _Mavlink(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
         self.signing.timestamp = max(self.signing.timestamp, timestamp)
         newest = self.newest(sender)
         if newest is None and not self._answers(msgbuf):
-            self.unproven += 1
+            self.unproven[sender] += 1
             return self._claims(sender, timestamp)
         known = self.signing.stream_timestamps
         if timestamp <= known.get((link_id, *sender), -1 if newest is None else newest):
@@ -99,6 +99,7 @@ class MavlinkCodec:
         counts: "messages", "bad" (bytes that are not a message), "unsigned" (of these: messages without a signature or
             with another key's), "unknown" (messages of other dialects, which are ignored), "gaps" (messages lost, by
             the sequence numbers), "unproven" (signed messages of senders that have not answered the nonce).
+        unsigned: Systems and components that have sent unsigned or unproven messages.
     """
 
     def __init__(self, system_id: int, component_id: int, key: bytes | None = None, nonce: int | None = None) -> None:
@@ -117,10 +118,11 @@ class MavlinkCodec:
         if key is not None and len(key) != KEY_BYTES:
             raise ValueError(f"key has {len(key)} bytes, not {KEY_BYTES}; make one with auv_lse key")
         self.counts: Counter[str] = Counter()
+        self.unsigned: set[tuple[int, int]] = set()
         self._mav = _Mavlink(None, srcSystem=system_id, srcComponent=component_id)
         self._mav.robust_parsing = True  # bad bytes come back as BAD_DATA, not as an exception
         self._mav.signing.secret_key, self._mav.signing.sign_outgoing = key, key is not None
-        self._mav.nonce = nonce if key is not None else None
+        self._mav.nonce, self._mav.unproven = nonce if key is not None else None, Counter()
         self._claimed: dict[tuple[int, int], int] = {}
         self._next: dict[tuple[int, int], int] = {}
 
@@ -132,6 +134,10 @@ class MavlinkCodec:
     def proven(self, sender: tuple[int, int]) -> bool:
         """Whether a system and component has answered the nonce, or need not."""
         return self._mav.nonce is None or self._mav.newest(sender) is not None
+
+    def is_unproven(self, sender: tuple[int, int]) -> bool:
+        """Whether a system and component signs with the key, but has not answered the nonce."""
+        return self._mav.unproven[sender] > 0 and not self.proven(sender)
 
     @property
     def challenge(self) -> Message:
@@ -148,7 +154,9 @@ class MavlinkCodec:
         other._mav.signing.stream_timestamps = dict(self._mav.signing.stream_timestamps)
         other._mav.claimed = self._claimed
         found = {_sender(message) for message in other.decode(datagram)}
+        self.unsigned |= other.unsigned
         self.counts["unsigned"] += other.counts["unsigned"]
+        self.counts["unknown"] += 0 if other.counts["bad"] else other.counts["unknown"]
         return found
 
     def decode(self, data: bytes) -> list[Message]:
@@ -157,18 +165,20 @@ class MavlinkCodec:
         for message in self._mav.parse_buffer(data) or ():
             if message.get_type() == "BAD_DATA":
                 self.counts["bad"] += 1
-                self.counts["unsigned"] += message.reason == _NO_SIGNATURE
+                if message.reason == _NO_SIGNATURE:
+                    self.counts["unsigned"] += 1
+                    self.unsigned.add(_header(message.get_msgbuf())[0])
                 continue
             if isinstance(message, mavlink.MAVLink_unknown):  # not checked, but it has a sequence number
                 self.counts["unknown"] += 1
-                self._count_gap(*_unknown_header(message.get_msgbuf()))
+                self._count_gap(*_header(message.get_msgbuf()))
                 continue
             self.counts["messages"] += 1
             self._count_gap(_sender(message), message.get_seq())
             good.append(message)
         del self._mav.buf[: self._mav.buf_index]  # pymavlink frees it only when data end with a message
         self._mav.buf_index = 0
-        self.counts["unproven"] = self._mav.unproven
+        self.counts["unproven"] = self._mav.unproven.total()
         return good
 
     def _count_gap(self, sender: tuple[int, int], number: int) -> None:
@@ -192,7 +202,7 @@ def _sender(message: Message) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _unknown_header(data: bytes) -> tuple[tuple[int, int], int]:
-    """Sender and sequence number of a message that pymavlink does not know."""
+def _header(data: bytes) -> tuple[tuple[int, int], int]:
+    """Sender and sequence number of a message that pymavlink does not know, or refuses."""
     at = 4 if data[0] == mavlink.PROTOCOL_MARKER_V2 else 2
     return (data[at + 1], data[at + 2]), data[at]
