@@ -65,6 +65,7 @@ def _generic(settings: Settings, k: int, origin: Origin | None, world: World) ->
             pressure=link.pressure,
             dive=lambda depth_m: world.dive(k, depth_m),
             is_boat=vehicle.depth_m <= SURFACE_M,
+            component_id=link.autopilot_component_id,
         ),
     )
 
@@ -79,6 +80,7 @@ def _ardupilot(settings: Settings, k: int, origin: Origin | None, world: World) 
         operator_mode=personality.auto if link.mode == "mission" else personality.guided,
         patience=1.0 if settings.sim.lockstep else max(settings.sim.real_time_factor, 1.0),
         lasts_m=math.inf if vehicle.battery_km is None else 1000.0 * vehicle.battery_km,
+        component_id=link.autopilot_component_id,
     )
     system = link.autopilot_system_id or k
     return ArduPilot(system, _start(settings, k), origin, lambda pilot: world.pilot(k, pilot), setup)

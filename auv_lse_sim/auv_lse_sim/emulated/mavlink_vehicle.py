@@ -65,12 +65,14 @@ class AutopilotSetup:
         pressure: Message with the water's pressure, as in `link.pressure`.
         dive: Called with the depth (m) of each target.
         is_boat: Whether it travels at the surface, so that a target there is a position to go to.
+        component_id: MAVLink component id.
     """
 
     origin_height_m: float = 0.0
     pressure: str = "SCALED_PRESSURE2"
     dive: Callable[[float], None] = lambda depth_m: None
     is_boat: bool = False
+    component_id: int = 1
 
 
 class MavlinkVehicle:
@@ -114,8 +116,8 @@ class MavlinkVehicle:
         self.datum = Datum(origin, origin)
         self.mission: tuple[Message, ...] = ()
         self.current = 0
-        self._system_id = system_id
-        self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        self._id = system_id, self._setup.component_id
+        self._codec = MavlinkCodec(*self._id)
         self._state = start  # at the end of the last leg
         self._last_leg: Leg | None = None
         self._here = start  # last reported pose
@@ -191,8 +193,7 @@ class MavlinkVehicle:
     def _is_for_us(self, message: Message) -> bool:
         system = getattr(message, "target_system", 0)
         sender = message.get_srcSystem(), message.get_srcComponent()
-        is_own = sender == (self._system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        return not is_own and system in (0, self._system_id)
+        return sender != self._id and system in (0, self._id[0])
 
     # ------------------------------------------------------------------ targets
 
@@ -311,7 +312,7 @@ class MavlinkVehicle:
         self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *sender))
 
     def _send_version(self) -> bool:
-        self._send(version(self._system_id))
+        self._send(version(self._id[0]))
         return True
 
     def _send_origin(self) -> bool:

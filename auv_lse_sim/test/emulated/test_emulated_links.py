@@ -15,6 +15,7 @@ from auv_lse_comms.transport import UdpPort
 from auv_lse_mavlink.link import LinkState, VehicleLink
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.events import AutopilotEstimate
+from auv_lse_sim.emulated.autopilots import autopilot_for
 from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import World
@@ -246,3 +247,16 @@ def test_without_hardware_there_is_nothing_to_open():
 def test_invalid_ports_are_named(overrides, words):
     with pytest.raises(ParameterError, match=words):
         EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, Follower(lambda *a: None))
+
+
+@pytest.mark.parametrize("firmware", ["generic", "ardupilot"])
+def test_a_simulated_autopilot_has_the_component_id_of_the_mission_file(firmware):
+    """The link, which hears no other, waited for it in vain."""
+    values = {"sim.autopilot.firmware": firmware, "link.autopilot_component_id": 7}
+    settings = Settings.load(None, {"mission.vehicles": 1, "auv1.link.kind": "mavlink", **values})
+    world = World.of(settings, FLAT_GROUND)
+    autopilot = autopilot_for(settings, 1, None, world)
+    link = VehicleLink(settings.vehicle(1).link, 1, None)
+    autopilot.send_on_deck(0.0)
+    link.receive(0.0, b"".join(autopilot.outgoing()))
+    assert link.state is LinkState.UP

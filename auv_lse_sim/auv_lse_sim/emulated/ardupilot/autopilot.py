@@ -91,9 +91,9 @@ class ArduPilot:
         self.guidance = SubGuidance(Pose.at_rest(*start)) if is_sub else RoverGuidance(Pose.at_rest(*start))
         self.pilot = OrderedPilot(self.guidance)
         self._take_over: Callable[[OrderedPilot], None] | None = take_over
-        self._system_id, self._operator_mode = system_id, setup.operator_mode
+        self._id, self._operator_mode = (system_id, setup.component_id), setup.operator_mode
         self._failed_s = -math.inf  # last time of a failsafe that acts
-        self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        self._codec = MavlinkCodec(*self._id)
         self._feeder = Feeder()
         self._out: list[bytes] = []
         self._now_s = 0.0
@@ -119,7 +119,7 @@ class ArduPilot:
         for message in self._codec.decode(data):
             target = getattr(message, "target_system", 0)
             sender = message.get_srcSystem(), message.get_srcComponent()
-            if sender == (self._system_id, mavlink.MAV_COMP_ID_AUTOPILOT1) or target not in (0, self._system_id):
+            if sender == self._id or target not in (0, self._id[0]):
                 continue
             if self._upload.handle(now_s, message, self.fault is Fault.REFUSES) or self._parameter_protocol.handle(
                 message

@@ -27,6 +27,7 @@ class Setup:
         patience: Factor on the ground station's time limit, for simulations that run faster than real time.
         feeds: Whether another system on the same network feeds the range finder, so that its messages arrive too.
         lasts_m: Distance that it covers on a full battery.
+        component_id: MAVLink component id.
     """
 
     personality: Personality
@@ -40,6 +41,7 @@ class Setup:
     patience: float = 1.0
     feeds: bool = True
     lasts_m: float = math.inf
+    component_id: int = 1
 
 
 def recommended_parameters(personality: Personality, station: int, speed_mps: float = 1.0) -> dict[str, float]:
