@@ -168,6 +168,12 @@ class VehicleLink:
         """Sends a message to the autopilot."""
         self._out.append(self._codec.encode(message))
 
+    def take_altitude(self, sensor: str, altitude: Altitude) -> None:
+        """Uses a height over ground, of the autopilot or of another sensor, unless another sensor is in use."""
+        if self._sonar.takes(self._now_s, sensor):
+            self._targets.lift.keeper.ping(altitude.altitude_m)
+            self._events.append(altitude)
+
     def poll(self, now_s: float) -> None:
         """Lets time pass: heartbeats, link loss, repeats. Call at least ten times a second, or once per tick."""
         self._tick(now_s)
@@ -384,7 +390,7 @@ class VehicleLink:
             east_m=east_m,
             depth_m=depth_m,
             speed_mps=math.hypot(message.vx, message.vy),
-            yaw_rate_radps=float(self._attitude.yawspeed),
+            yaw_rate_radps=float(self._attitude.yawspeed) if math.isfinite(self._attitude.yawspeed) else 0.0,
             raw_north_m=self._raw.north_m,
             raw_east_m=self._raw.east_m,
         )
@@ -424,16 +430,11 @@ class VehicleLink:
 
     def _on_distance(self, message: Message) -> None:
         altitude = altitude_m(message)
-        if altitude is not None and self._sonar.takes(self._now_s, message.id):
-            self._targets.lift.keeper.ping(altitude)
-            self._events.append(
-                Altitude(
-                    stamp_s=self._clock.stamp_s(self._utc_s, message.time_boot_ms),
-                    altitude_m=altitude,
-                    min_m=message.min_distance / 100.0,
-                    max_m=message.max_distance / 100.0,
-                )
-            )
+        if altitude is not None:
+            stamp_s = self._clock.stamp_s(self._utc_s, message.time_boot_ms)
+            least_m, most_m = message.min_distance / 100.0, message.max_distance / 100.0
+            taken = Altitude(stamp_s=stamp_s, altitude_m=altitude, min_m=least_m, max_m=most_m)
+            self.take_altitude(f"DISTANCE_SENSOR {message.id}", taken)
 
     def _on_pressure(self, message: Message) -> None:
         if message.get_type() != self._config.pressure:
@@ -471,7 +472,7 @@ class VehicleLink:
     def _on_text(self, message: Message) -> None:
         if ORIGIN_REFUSED in message.text:
             self._origin.setting_refused(self._now_s)
-        if text := self.status.text(self._now_s, message):
+        for text in self.status.texts(self._now_s, message):
             self._report_problem(f"autopilot: {text}")
 
 

@@ -77,7 +77,8 @@ class AutopilotPort:
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
         """Opens the endpoint if it is time, reads, lets time pass (if `poll`), writes; returns the events."""
-        self.connection.poll(steady_s)
+        if self.connection.poll(steady_s):
+            self.link.senders.reopened()
         data = self.connection.read(steady_s)
         if data:
             self.link.receive(now_s, data)
@@ -86,11 +87,6 @@ class AutopilotPort:
         for datagram in self.link.outgoing():
             self.connection.write(datagram, steady_s)
         return list(self._events())
-
-    def add_altitude(self, altitude: Altitude) -> None:
-        """Adds a height over ground, of the autopilot or of another sensor, to the soundings."""
-        if self._sounder is not None:
-            self._sounder.altitude(altitude.stamp_s, altitude.altitude_m)
 
     def close(self, now_s: float, steady_s: float) -> list[Event]:
         """Closes the endpoint; `now_s` is not used."""
@@ -113,8 +109,8 @@ class AutopilotPort:
                 yield Problem(text=f"link.endpoint: {self._reported}; trying again")
         for event in self.link.events():
             yield event
-            if isinstance(event, Altitude):
-                self.add_altitude(event)
+            if self._sounder is not None and isinstance(event, Altitude):
+                self._sounder.altitude(event.stamp_s, event.altitude_m)
             elif self._sounder is not None and isinstance(event, AutopilotEstimate):
                 yield from self._soundings(self._sounder, event)
 

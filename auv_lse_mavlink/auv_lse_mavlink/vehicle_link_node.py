@@ -71,16 +71,12 @@ class VehicleLinkNode(DriverNode):
         self._pressure = self.publisher("pressure")
         if config.soundings:
             self._sounding = self.publisher("sounding")
-        listen_to_dvl(self, self._on_dvl)
+        listen_to_dvl(self, lambda altitude: self._autopilot.link.take_altitude("topic dvl", altitude))
         self.listen("waypoint", self._on_waypoint)
         self.listen("mission/state", self._on_state)
         if not self.lockstep:
             self.create_timer(_WATCH_S, self._watch_state)
         self.drive(self._autopilot, f"link.endpoint {config.endpoint}")
-
-    def _on_dvl(self, altitude: Altitude) -> None:
-        self._autopilot.add_altitude(altitude)
-        self._altitude.publish(altitude)
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self._waypoints += 1

@@ -67,7 +67,7 @@ def test_heights_become_soundings(monkeypatch):
     soundings = []
     for tenth in range(100):
         stamp_s = tenth / 10.0
-        port.add_altitude(altitude_of(Dvl(stamp_s, 12.5)))
+        port.link.take_altitude("topic dvl", altitude_of(Dvl(stamp_s, 12.5)))
         estimate = AutopilotEstimate(
             stamp_s=stamp_s,
             heading_rad=0.0,
@@ -77,7 +77,7 @@ def test_heights_become_soundings(monkeypatch):
             speed_mps=1.0,
             yaw_rate_radps=0.0,
         )
-        monkeypatch.setattr(port.link, "events", lambda estimate=estimate: [estimate])
+        port.link._report_event(estimate)
         soundings += [event for event in port._events() if isinstance(event, Sounding)]
     assert soundings
     assert {sounding.depth_m for sounding in soundings} == {15.5}

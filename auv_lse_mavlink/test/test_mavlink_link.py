@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+import socket
 
 import pytest
 from hypothesis import given, settings
@@ -32,6 +33,7 @@ from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.sender_filter import SILENT_S, TWIN_S
 from auv_lse_mavlink.messages.wire import MavlinkCodec
+from auv_lse_mavlink.port import AutopilotPort
 from auv_lse_mavlink.targets.limits import target_limits
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
@@ -130,6 +132,13 @@ def test_a_position_east_of_the_vehicle_keeps_its_axes():
     assert odometry.heading_rad == pytest.approx(-1.25)
     assert odometry.speed_mps == pytest.approx(2.0)
     assert odometry.yaw_rate_radps == pytest.approx(0.25)
+
+
+def test_an_unknown_yaw_rate_is_published_as_none():
+    pilot = Autopilot().up()
+    pilot.at(0.0, 0.0, yaw=1.0, yaw_speed=math.nan)
+    (odometry,) = pilot.of(AutopilotEstimate)
+    assert (odometry.heading_rad, odometry.yaw_rate_radps) == (1.0, 0.0)
 
 
 @pytest.mark.parametrize(("lat", "lon"), [(2**31 - 1, 2**31 - 1), (465000000, -(2**31)), (466000000, 66000000)])
@@ -296,9 +305,26 @@ def test_of_two_sonars_that_look_down_one_is_used_while_it_sends():
     assert {altitude.altitude_m for altitude in pilot.of(Altitude)} == {9.5}
     assert pilot.link.counts["altitudes_of_others"] == 20
     (text,) = [problem.text for problem in pilot.of(events.Problem)]
-    assert text.startswith("two range finders look down: DISTANCE_SENSOR 1 is used, 0 is not")
+    assert text.startswith("two range finders look down: DISTANCE_SENSOR 1 is used, DISTANCE_SENSOR 0 is not")
     pilot.wait(3.5)
     ping(0, 9.0)
+    assert pilot.of(Altitude)[-1].altitude_m == 9.0
+
+
+def test_a_dvl_and_a_range_finder_are_not_mixed():
+    """`vehicle_link_node` gets the heights of a DVL on ROS from another node."""
+    pilot = Autopilot().up()
+    for _ in range(20):
+        pilot.wait(0.5)
+        dvl = Altitude(stamp_s=pilot.now_s, altitude_m=9.5, min_m=0.0, max_m=math.inf)
+        pilot.link.take_altitude("topic dvl", dvl)
+        pilot.say(distance(900))
+    assert {altitude.altitude_m for altitude in pilot.of(Altitude)} == {9.5}
+    assert pilot.link.counts["altitudes_of_others"] == 20
+    (text,) = [problem.text for problem in pilot.of(events.Problem)]
+    assert text.startswith("two range finders look down: topic dvl is used, DISTANCE_SENSOR 0 is not. Turn one off")
+    pilot.wait(3.5)
+    pilot.say(distance(900))
     assert pilot.of(Altitude)[-1].altitude_m == 9.0
 
 
@@ -334,6 +360,24 @@ def test_stamps_are_the_autopilots_when_its_clock_agrees():
     pilot.say(mavlink.MAVLink_system_time_message(0, 5000))  # it does not know
     pilot.at(0.0, 0.0)
     assert pilot.of(AutopilotEstimate)[-1].stamp_s == NOW_S
+
+
+def test_a_time_since_boot_that_wraps_after_49_days_is_no_reboot():
+    pilot = Autopilot().up()
+    before_ms = 2**32 - 1500
+    for passed_ms in (0, 1000, 2000, 3000):
+        pilot.now_s = NOW_S + passed_ms / 1000.0
+        boot_ms = (before_ms + passed_ms) % 2**32
+        if passed_ms < 2000:
+            pilot.say(mavlink.MAVLink_system_time_message(round((pilot.now_s + 0.5) * 1e6), boot_ms))
+        pilot.say(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0.0, 0, 0, 0.0))
+        pilot.say(mavlink.MAVLink_local_position_ned_message(boot_ms, 0.0, 0.0, 4.0, 0, 0, 0))
+        assert pilot.of(AutopilotEstimate)[-1].stamp_s == pytest.approx(pilot.now_s + 0.5)
+        assert pilot.link._clock.boot_ms_at(pilot.now_s + 0.5) % 2**32 == pytest.approx(boot_ms, abs=1)
+    assert pilot.link.counts["reboots"] == 0
+    pilot.say(mavlink.MAVLink_attitude_message(2**31, 0, 0, 0.0, 0, 0, 0.0))
+    pilot.say(mavlink.MAVLink_attitude_message(300, 0, 0, 0.0, 0, 0, 0.0))
+    assert pilot.link.counts["reboots"] == 1
 
 
 def test_an_autopilot_that_falls_silent_is_lost_in_time_although_the_host_sets_its_clock_back():
@@ -502,6 +546,21 @@ def test_a_second_autopilot_takes_over_when_the_link_is_lost_and_that_is_reporte
     )
 
 
+def test_after_the_port_is_reopened_the_autopilot_is_heard_at_once():
+    """Its address is unknown then, though it was heard a moment ago: it counted as a second autopilot for 1.5 s."""
+    config = LinkConfig(kind="mavlink", endpoint="udpin://127.0.0.1:0", pressure="none")
+    port = AutopilotPort(config, 2, None)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for number in range(4):
+            port.step(NOW_S + number, float(number))
+            assert port.transport is not None
+            sender.sendto(other_heartbeat(2, 1), ("127.0.0.1", port.transport.local_port))
+            port.step(NOW_S + number, float(number))
+            assert port.link.senders._heard_s == NOW_S + number
+            port.connection.close(float(number), "the network is down")
+    assert (port.link.counts["twins"], port.link.counts["other_senders"]) == (0, 0)
+
+
 def test_the_origin_is_asked_for_and_set_if_there_is_none():
     pilot = Autopilot(own_origin=None)
     pilot.beat()
@@ -547,6 +606,25 @@ def test_the_autopilots_warnings_are_reported():
     pilot.say(mavlink.MAVLink_statustext_message(4, b"Leak detected"))
     pilot.say(mavlink.MAVLink_statustext_message(6, b"all is well"))
     assert [p.text for p in pilot.of(events.Problem)] == ["autopilot: Leak detected"]
+
+
+def test_a_warning_in_pieces_is_reported_whole_and_once():
+    """MAVLink 2 cuts texts longer than 50 characters; the pieces have an id, and the last one is shorter."""
+    long = "PreArm: battery 1 below minimum arming voltage, check leak sensors and the EKF's yaw"
+    pilot = Autopilot().up()
+    for number in (1, 2):  # a repetition has the next id
+        pilot.say(mavlink.MAVLink_statustext_message(4, long[:50].encode(), number, 0))
+        pilot.say(mavlink.MAVLink_statustext_message(4, long[50:].encode(), number, 1))
+    assert [p.text for p in pilot.of(events.Problem)] == [f"autopilot: {long}"]
+    pilot.say(mavlink.MAVLink_statustext_message(4, b"x" * 50, 3, 0))  # its end gets lost
+    pilot.say(mavlink.MAVLink_statustext_message(4, b"EKF failsafe"))
+    assert [p.text for p in pilot.of(events.Problem)][1:] == [f"autopilot: {'x' * 50}", "autopilot: EKF failsafe"]
+
+
+def test_a_leak_in_a_lost_text_counts_at_once():
+    pilot = Autopilot().up()
+    pilot.say(mavlink.MAVLink_statustext_message(2, b"Leak detected" + b"." * 37, 3, 0))
+    assert pilot.link.report.leak == 1
 
 
 @settings(max_examples=200)
@@ -602,6 +680,21 @@ def test_diagnostics_say_why_no_autopilot_is_heard(key, data, words, kind):
     if kind == "serial" or not data or link.recognizes(data):
         link.receive(NOW_S, data)
     assert link_health(link, "").text.startswith(f"no autopilot heard: {words}")
+
+
+def test_an_autopilot_that_sends_everything_but_heartbeats_is_not_called_silent():
+    """A router that filters messages by their type: cable, port, ids and key are right."""
+    pilot = Autopilot()
+    pilot.at(0.0, 0.0)
+    text = link_health(pilot.link, "").text
+    assert text.startswith("no autopilot heard: its other messages arrive, but no HEARTBEAT"), text
+    pilot.up()
+    for _ in range(8):
+        pilot.wait(1.0, beat=False)
+        pilot.at(0.0, 0.0)
+    assert link_health(pilot.link, "").text == text
+    pilot.wait(6.0, beat=False)
+    assert "nothing arrives; check power" in link_health(pilot.link, "").text
 
 
 @pytest.mark.parametrize("noise", [OTHER_DIALECT, bytes(range(200))])

@@ -9,6 +9,8 @@ from auv_lse_common.safety.watch import LONGEST_STEP_S
 MAX_CLOCK_OFFSET_S = 2.0
 #: A time since boot that falls by more than this (ms) means a reboot; by less, a reordered datagram.
 REBOOT_MS = 1000
+#: A time since boot begins again at 0 after this (ms, 49.7 days); not for a gap longer than `WRAP_GAP_MS`: a reboot.
+WRAP_MS, WRAP_GAP_MS = 2**32, 60_000
 #: A host's clock that differs from a steady one by more than this (s) since the last call was set.
 CLOCK_SET_S = 0.5
 
@@ -43,30 +45,36 @@ class AutopilotClock:
     """Stamps of one autopilot; times of receipt while its UTC is unknown or implausible."""
 
     def __init__(self) -> None:
-        self._offset_s: float | None = None
+        self._utc: tuple[float, int] | None = None  # UTC (s) at a time since boot (ms)
         self._boot_ms = 0  # the latest time since boot
 
     def forget_utc(self) -> None:
         """Discards the UTC: the autopilot may have another clock now, or the host's clock was set."""
-        self._offset_s = None
+        self._utc = None
 
     def detect_reboot(self, boot_ms: int) -> bool:
         """Records a time since boot; returns whether the autopilot has rebooted since the last one."""
-        back = boot_ms < self._boot_ms - REBOOT_MS
-        self._boot_ms = boot_ms if back else max(self._boot_ms, boot_ms)
+        wraps = (boot_ms - self._boot_ms) % WRAP_MS <= WRAP_GAP_MS
+        back = not wraps and boot_ms < self._boot_ms - REBOOT_MS
+        self._boot_ms = boot_ms if back or wraps else max(self._boot_ms, boot_ms)
         return back
 
     def set_utc(self, now_s: float, utc_us: int, boot_ms: int) -> bool:
         """Records a SYSTEM_TIME; returns whether its UTC is plausible (0: unknown)."""
         utc_s = utc_us * 1e-6
         plausible = utc_us != 0 and abs(utc_s - now_s) <= MAX_CLOCK_OFFSET_S
-        self._offset_s = utc_s - boot_ms / 1000.0 if plausible else None
+        self._utc = (utc_s, boot_ms) if plausible else None
         return plausible
 
     def stamp_s(self, now_s: float, boot_ms: int) -> float:
         """UTC of a message with a time since boot that was received at `now_s`."""
-        return now_s if self._offset_s is None else boot_ms / 1000.0 + self._offset_s
+        if self._utc is None:
+            return now_s
+        utc_s, then_ms = self._utc
+        half = WRAP_MS // 2
+        return utc_s + ((boot_ms - then_ms + half) % WRAP_MS - half) / 1000.0
 
     def boot_ms_at(self, now_s: float) -> int:
         """Time since boot (ms) at `now_s`."""
-        return max(0, int((now_s - (self._offset_s or 0.0)) * 1000.0))
+        utc_s, then_ms = self._utc or (0.0, 0)
+        return max(0, then_ms + int((now_s - utc_s) * 1000.0))

@@ -57,6 +57,16 @@ class SenderFilter:
         self._others.clear()
         self._codec.unsigned.clear()
 
+    def reopened(self) -> None:
+        """The port was opened again: the autopilot's next datagram will be a new sender's."""
+        self._heard_s = self._first_twin_s = self._twin_s = -math.inf
+        self._is_reported = False
+
+    @property
+    def is_sending(self) -> bool:
+        """Whether messages of the autopilot have arrived lately."""
+        return self._now_s - self._heard_s < self._lost_after_s
+
     @property
     def others(self) -> set[tuple[int, int]]:
         """Other systems and components heard since the autopilot was, signed or not."""

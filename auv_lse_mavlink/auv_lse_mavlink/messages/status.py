@@ -15,6 +15,8 @@ HJ_PER_WH = 36.0
 ROUTINE_TEXTS = ("Auto mission changed, restarted command",)
 #: Time (s) after which a repeated warning is reported again, and number of warnings that are remembered.
 TEXT_AGAIN_S, MOST_TEXTS = 60.0, 64
+#: Length of a STATUSTEXT that continues in the next one with its id, unless that is 0.
+TEXT_PIECE = 50
 #: ArduPilot's answer to an origin while it has one, or waits for GPS.
 ORIGIN_REFUSED = "refusing set origin"
 
@@ -43,6 +45,7 @@ class AutopilotStatus:
         self._charge, self._charge_s = math.nan, -math.inf
         self._leak_s = -math.inf
         self._texts: dict[str, float] = {}  # warnings, and when they were returned
+        self._piece_id, self._pieces = 0, ""  # of a text that continues
 
     @property
     def is_ardupilot(self) -> bool:
@@ -71,22 +74,30 @@ class AutopilotStatus:
         """Charge left, 0 to 1; NaN if it was not reported lately."""
         return self._charge if now_s - self._charge_s <= CHARGE_S else math.nan
 
-    def text(self, now_s: float, message: Message) -> str:
-        """Handles a STATUSTEXT; returns the text if an operator should read it, else "".
+    def texts(self, now_s: float, message: Message) -> list[str]:
+        """Handles a STATUSTEXT; returns the texts that are complete and that an operator should read.
 
         A repeated text is returned once per `TEXT_AGAIN_S`.
         """
         if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
             self._leak_s = now_s
-        text = str(message.text)
-        if message.severity > mavlink.MAV_SEVERITY_WARNING or text in ROUTINE_TEXTS:
-            return ""
-        if now_s - self._texts.get(text, -math.inf) < TEXT_AGAIN_S:
-            return ""
+        if message.severity > mavlink.MAV_SEVERITY_WARNING:
+            return []
+        whole = []
+        if self._pieces and message.id != self._piece_id:  # its end was lost
+            whole, self._pieces = [self._pieces], ""
+        self._piece_id, self._pieces = message.id, self._pieces + str(message.text)
+        if not message.id or len(message.text) < TEXT_PIECE:
+            whole, self._pieces = [*whole, self._pieces], ""
+        return [text for text in whole if self._is_news(now_s, text)]
+
+    def _is_news(self, now_s: float, text: str) -> bool:
+        if text in ROUTINE_TEXTS or now_s - self._texts.get(text, -math.inf) < TEXT_AGAIN_S:
+            return False
         if len(self._texts) == MOST_TEXTS:
             del self._texts[next(iter(self._texts))]
         self._texts[text] = now_s
-        return text
+        return True
 
     def leaks(self, now_s: float) -> bool:
         """Whether the autopilot has recently reported a leak."""
