@@ -15,6 +15,7 @@ Nothing here stops the nodes from starting: a vehicle under water needs them eve
 """
 
 import contextlib
+import copy
 import hashlib
 import json
 import os
@@ -97,7 +98,6 @@ class DiveRecord:
             copies: Folders for second copies, see `copy_folders`.
             simulated: Whether this is a simulated vehicle, for which only the record itself is read.
         """
-        self.continued: Path | None = None
         self.copies_problem = ""
         self._name, self._path = f"auv{vehicle}", folder / f"auv{vehicle}.dive"
         self._copy_folders = () if simulated else tuple(copies)
@@ -106,6 +106,11 @@ class DiveRecord:
         content = mission_file.read_bytes() if mission_file.is_file() else b""
         values_text = json.dumps(parameters, sort_keys=True, default=str)
         self._mission = hashlib.sha256(f"{mission_file}\n{values_text}\n".encode() + content).hexdigest()[:16]
+        self._judge()
+
+    def _judge(self) -> None:
+        """Reads the record, and decides what this start does."""
+        self.continued: Path | None = None
         found, doubts = self._read()
         self._values = self._last = found
         self._is_lost = bool(doubts)  # the nodes of a new dive trust nothing; else only the mission is held
@@ -113,13 +118,20 @@ class DiveRecord:
             if found["mission"] == self._mission:
                 self.continued = Path(found["out"])
                 doubts += [reason for node in NODES if (reason := self._state(found, node)[1])]
-            elif not simulated:
+            elif not self._simulated:
                 doubts.append(f"dive {found['dive']} with another mission file was not ended")
         self.doubt = "; ".join(doubts)
         plans = not self._is_lost and not (self.continued and self._state(found, "planner_node")[1])
         self.cure = "RESET and GO continue" if plans else _START_AGAIN
         if self.continued is None:
             self._values = {}
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the record on the disk is still the one that was read, with the same decision."""
+        again = copy.copy(self)
+        again._judge()
+        return (again._last, again.continued, again.doubt) == (self._last, self.continued, self.doubt)
 
     def begin(self, out: Path, dive: str) -> dict[str, str]:
         """Begins the dive, or continues the recorded one.

@@ -219,7 +219,8 @@ def begin_dive(
         The domain, and further variables of the nodes' environment (`DiveRecord.begin`).
 
     Raises:
-        DomainError: if the domain is invalid or in use, or if a dive that runs has `out` or a record of this one.
+        DomainError: if the domain is invalid or in use, if a dive that runs has `out` or a record of this one, or if
+            another start has changed the record since it was read.
         ParameterError: if the simulator there flies another mission.
         StateFolderError: if the nodes' state could not be kept.
     """
@@ -229,6 +230,11 @@ def begin_dive(
         reserved.enter_context(vehicle_domain(domain, processes.vehicle, processes.simulated))
         refuse_running_dive(out, processes.vehicle)
         reserved.enter_context(own_records(record.records, domain))
+        if not record.is_current:
+            raise DomainError(
+                f"{record.records[0]}: another start of auv{processes.vehicle} changed it while this one began. "
+                "Start again"
+            )
         if processes.simulated and (run := run_on(domain)):
             _refuse_other_mission(processes, file, run / "mission.yaml", domain)
         dive = (processes.simulated and dive_on(domain)) or new_dive(f"auv{processes.vehicle}")

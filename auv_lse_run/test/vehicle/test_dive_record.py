@@ -88,7 +88,8 @@ def test_a_lost_connection_ends_no_dive(
     monkeypatch.setattr(run_vehicle, "vehicle_domain", lambda *_: nullcontext())
     monkeypatch.setattr(run_vehicle, "note_run", lambda *_: None)
     (tmp_path / "dive").mkdir()
-    record, _ = begun(tmp_path, mission, RunState.RUNNING)
+    begun(tmp_path, mission, RunState.RUNNING)
+    record = DiveRecord(tmp_path, 2, mission)
     processes: Any = SimpleNamespace(simulated=False, vehicle=2)
     with signals_raised():
         interrupt = Interrupt()
@@ -290,5 +291,34 @@ def test_two_dives_at_once_never_share_a_record(tmp_path: Path, mission: Path, s
             with pytest.raises(DomainError, match=refused), dives[1]:
                 pass
             assert taken.read_bytes() == kept
-        with run_vehicle.begin_dive(processes, str(second), mission, tmp_path / "b", records[1]):
+        again = DiveRecord(folders[1], 2, mission, copies=[copies[1]])
+        with run_vehicle.begin_dive(processes, str(second), mission, tmp_path / "b", again):
             assert taken.exists(), "the other one has ended"
+
+
+@pytest.mark.parametrize("under_water", [True, False])
+def test_a_start_that_read_its_record_before_another_dive_ended_is_refused(
+    tmp_path: Path, mission: Path, under_water: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would begin a new dive under water, or continue one that has ended."""
+    monkeypatch.setattr(run_vehicle, "first_signal", lambda: signal.SIGINT)
+    processes: Any = SimpleNamespace(simulated=False, vehicle=2)
+    (tmp_path / "one").mkdir()
+    with own_domain(VEHICLE_DOMAINS) as domain:
+        early = DiveRecord(tmp_path, 2, mission)
+        dive = run_vehicle.begin_dive(
+            processes, str(domain), mission, tmp_path / "one", DiveRecord(tmp_path, 2, mission)
+        )
+        with dive as (_, environment):
+            state = {"run": {"state": int(RunState.RUNNING)}, "under_water": under_water}
+            opened(environment, "safety_node").write(state)
+            if not under_water:
+                early = DiveRecord(tmp_path, 2, mission)
+                assert early.continued is not None
+        changed = "another start of auv2 changed it while this one began. Start again"
+        with (
+            pytest.raises(DomainError, match=changed),
+            run_vehicle.begin_dive(processes, str(domain), mission, tmp_path / "two", early),
+        ):
+            pass
+        assert (DiveRecord(tmp_path, 2, mission).continued is not None) is under_water
