@@ -20,7 +20,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.arrays import Array, Mask
 from auv_lse_common.support.plurals import area_size, counted
-from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_common.vocabulary.frames import FAR_M, geodetic_from_local, local_from_geodetic
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
@@ -78,7 +78,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
         The adjusted settings, and notes on what was changed and what to expect.
 
     Raises:
-        GroundError: if no part of the area can be navigated, or a vehicle can turn nowhere in it.
+        GroundError: if no part of the area can be navigated, a vehicle can turn nowhere in it, or starts far from it.
     """
     settings = without_unreachable(settings)
     notes = [ground.describe()]
@@ -309,9 +309,8 @@ def _flat(ring: Array) -> list[float]:
 def _move_starts(settings: Settings) -> tuple[Settings, list[str]]:
     """Moves starts without room to turn to locations where a vehicle can turn to both sides, or at least to one."""
     area = OperatingArea(settings.area)
-    motion = MotionTable(settings.motion)
+    motion, margin = MotionTable(settings.motion), settings.area.margin_m
     reach = float(np.abs(motion.loops_m[:, 2]).max())
-    margin = settings.area.margin_m
     grid = area.grid(area.cell_m(max(5.0, settings.area.raster_m)))
     locations, clearance = grid.locations_m, area.clearance_m(grid.locations_m)
     for needed in (margin + 2.0 * reach, margin + reach):
@@ -326,20 +325,24 @@ def _move_starts(settings: Settings) -> tuple[Settings, list[str]]:
     fit, roomy = locations[clearance >= needed], clearance[clearance >= needed]
     overrides: dict[str, Any] = {}
     notes: list[str] = []
-    for number, own in enumerate(settings.vehicles, 1):
-        v = own.vehicle
+    for number, v in enumerate((own.vehicle for own in settings.vehicles), 1):
         start = np.array([v.start_north_m, v.start_east_m])
         if float(area.clearance_m(start[None])[0]) >= margin + 0.5 and can_turn(
             area, motion, v.start_heading_rad, start
         ):
             continue
         distance = np.hypot(*(fit - start).T)
-        location = fit[np.lexsort((-roomy, np.round(distance)))[0]]
-        overrides[f"auv{number}.vehicle.start_north_m"] = float(location[0])
-        overrides[f"auv{number}.vehicle.start_east_m"] = float(location[1])
+        best = np.lexsort((-roomy, np.round(distance)))[0]
+        (north, east), text = fit[best].tolist(), f"auv{number}: north {start[0]:g}, east {start[1]:g} m"
+        if distance[best] > FAR_M:
+            raise GroundError(
+                f"start of {text} is {distance[best] / 1e3:.0f} km from the area's water: it is relative to another "
+                "origin, or its numbers are exchanged. Correct vehicle.start_north_m, start_east_m (or start_deg)"
+            )
+        overrides[f"auv{number}.vehicle"] = {"start_north_m": north, "start_east_m": east}
         notes.append(
-            f"{START_MOVED}auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable "
-            f"water; moved {np.hypot(*(location - start)):.0f} m to north {location[0]:g}, east {location[1]:g} m"
+            f"{START_MOVED}{text} has no room to turn in navigable water; moved {distance[best]:.0f} m to north "
+            f"{north:g}, east {east:g} m"
         )
     if len(notes) > 1 and len({note.split(": ", 1)[1] for note in notes}) == 1:
         notes = [notes[0].replace(f"{START_MOVED}auv1", f"{START_MOVED}every vehicle")]

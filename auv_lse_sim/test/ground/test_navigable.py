@@ -91,6 +91,14 @@ def test_unknown_ground_is_cut_off_and_the_largest_near_part_kept():
     assert any("start of every vehicle" in note or "start of auv1" in note for note in notes)
 
 
+def test_a_start_of_other_coordinates_is_refused_and_not_moved():
+    """UTM coordinates, or exchanged latitude and longitude: the vehicle would start where nobody puts it in."""
+    terrain = ground(lambda n, e: np.full(np.broadcast(n, e).shape, 25.0))
+    far = settings(**{"auv1.vehicle.start_north_m": 745250.0, "auv1.vehicle.start_east_m": 250.0})
+    with pytest.raises(GroundError, match=r"start of auv1: north 745250, east 250 m is 745 km from the area's water: "):
+        fit_to_ground(far, terrain)
+
+
 def test_a_passage_narrower_than_the_margins_divides():
     def depth(n, e):
         wall = (np.abs(e - 250.0) < 20.0) & (np.abs(n - 250.0) > 9.0)  # an 18 m gap; margins of 10 m on either side
