@@ -119,6 +119,7 @@ ROLES: dict[str, tuple[str, ...]] = {
     "east_std": ("eaststd",),
     "tvu": ("tvu",),
     "order": ("s44order",),
+    "vertical_datum": ("verticaldatum",),
     "x": ("x", "xcoord", "xcoordinate", "pointx", "coordx"),
     "y": ("y", "ycoord", "ycoordinate", "pointy", "coordy"),
     "z": ("z", "zcoord", "value", "zvalue"),

@@ -32,7 +32,7 @@ from auv_lse_gp.tables.values import SAMPLE_LETTERS, TEXT_ROLES, read_values
 #: Columns of this project's own tables for other programs.
 _OF_EXPORT = (
     "", "time_s", "vehicle", "east_std_m", "north_std_m", "thu_m", "tvu_m", "s44_order", "latitude_deg",
-    "longitude_deg",
+    "longitude_deg", "vertical_datum",
 )  # fmt: skip
 #: The most columns that are listed as not used.
 _MOST_LISTED = 8

@@ -11,11 +11,11 @@ from auv_lse_record.run_data import VehicleRun
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.uncertainty import ORDERS, sounding_uncertainty
 
-#: Columns of the table; those of latitude and longitude only where the origin is known.
+#: Columns of the table; latitude and longitude only where the origin is known, the vertical datum only if it is named.
 COLUMNS = (
     "time_s", "vehicle", "east_m", "north_m", "depth_m", "east_std_m", "north_std_m", "thu_m", "tvu_m", "s44_order",
 )  # fmt: skip
-GEODETIC = ("latitude_deg", "longitude_deg")
+GEODETIC, DATUM = ("latitude_deg", "longitude_deg"), "vertical_datum"
 
 
 #: Soundings that are formatted at a time, so that a survey of many needs little memory.
@@ -32,7 +32,8 @@ def write(export: Export) -> str:
     origin = export.team.run.origin
     with (export.folder / "soundings.csv").open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow([*COLUMNS, *(GEODETIC if origin is not None else ())])
+        datum = [export.survey.datum] * bool(export.survey.datum)
+        writer.writerow([*COLUMNS, *(GEODETIC if origin is not None else ()), *[DATUM] * len(datum)])
         for first in range(0, len(table), _AT_A_TIME):
             rows = table[first : first + _AT_A_TIME]
             geodetic = np.empty((len(rows), 0))
@@ -41,7 +42,7 @@ def write(export: Export) -> str:
             for (stamp, number, *values, order), location in zip(rows.tolist(), geodetic.tolist(), strict=True):
                 cells = ["" if np.isnan(value) else f"{value:.3f}" for value in values]
                 degrees = (f"{value:.8f}" for value in location)
-                writer.writerow([f"{stamp:.3f}", int(number), *cells, ORDERS[int(order)].name, *degrees])
+                writer.writerow([f"{stamp:.3f}", int(number), *cells, ORDERS[int(order)].name, *degrees, *datum])
     counts = np.bincount(table[:, -1].astype(int), minlength=len(ORDERS))
     shares = ", ".join(f"{order.name} {count:,}" for order, count in zip(ORDERS, counts, strict=True) if count)
     return f"soundings.csv ({counted(len(table), 'sounding')}; by S-44 order: {shares or 'none'})"

@@ -21,6 +21,7 @@ from auv_lse_shore.survey_import.parsing.columns import (
     vehicles_of,
     with_all_names,
 )
+from auv_lse_shore.survey_import.parsing.vertical_reference import reduced_to
 from auv_lse_shore.survey_import.survey_log import LogError
 
 #: The most columns that are listed as not used.
@@ -74,6 +75,7 @@ def _contents(
     shared.left_out.update(dict(tv.lines_left_out(text, sum(joined))))
     shared.notes += tv.unreadable(table, lambda number: next(columns_of(text, dialect, [number]))[0])
     rows = tv.rows_of(table, options, shared)
+    shared.notes += [reduced_to(name) for name in np.unique(table.values.get("vertical_datum", [])).tolist() if name]
     if not options.columns and (unused := unused_columns(dialect.header, columns, table.accounted)):
         shared.notes.append(f"columns not used: {listed([name[:40] for name in unused], _MOST_LISTED)}")
     contents = []

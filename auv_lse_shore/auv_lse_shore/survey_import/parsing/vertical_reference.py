@@ -1,4 +1,4 @@
-"""The vertical reference that crowdsourced bathymetry states for its depths."""
+"""The vertical reference that crowdsourced bathymetry, or a table, states for its depths."""
 
 import json
 import re
@@ -12,6 +12,12 @@ _REDUCTION = re.compile(r'\{[^{}]*"VerticalReduction"[^{}]*\}')
 _DATUM = re.compile(r'"datum"\s*:\s*("(?:[^"\\]|\\["\\/bfnrt]|\\u[0-9a-fA-F]{4})+")')
 
 
+def reduced_to(datum: str) -> str:
+    """A note on depths below a datum."""
+    name = " ".join(datum.split())
+    return f"depths are reduced to {name}: auv_lse export --datum {shlex.quote(name)} keeps it"
+
+
 def vertical_reference(about: str, content: LogContent) -> Reference:
     """The reference of the depths; `content` gets a question about an unknown one, and a note on a datum.
 
@@ -20,8 +26,7 @@ def vertical_reference(about: str, content: LogContent) -> Reference:
     """
     stated, reduction = _STATED.search(about), _REDUCTION.search(about)
     if reduction and (datum := _DATUM.search(reduction[0])):
-        name = " ".join(json.loads(datum[1], strict=False).split())
-        content.notes.append(f"depths are reduced to {name}: auv_lse export --datum {shlex.quote(name)} keeps it")
+        content.notes.append(reduced_to(json.loads(datum[1], strict=False)))
     elif reduction:
         content.questions.append("depths are reduced to an unnamed datum: name it with auv_lse export --datum")
     elif stated and stated[1] == "Unknown":
