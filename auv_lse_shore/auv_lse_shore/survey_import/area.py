@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.parameters import from_mapping
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.missing_packages import missing
 
@@ -36,6 +39,11 @@ class SurveyedArea:
     no_go: dict[str, Array] = field(default_factory=dict)
     area_m2: float = 0.0
     others: tuple[float, ...] = ()
+
+    @property
+    def finest_cell_m(self) -> float:
+        """Size (m) of the smallest cells of a map of it."""
+        return OperatingArea(from_mapping(AreaConfig, self.section(None), "area")).finest_cell_m
 
     def starts(self, first_m: Array, count: int) -> list[tuple[float, float]]:
         """Positions north, east (m) to start from: inside with room to turn, apart, and near `first_m`."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M, VehicleConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.atomic_files import written_whole
@@ -82,7 +83,7 @@ def survey_run(
             "level_set": {"level_m": level_m},
             "area": area.section(origin),
             "vehicle": {"depth_m": draught_m},
-            "gp": {**learned, **_sizes(points, area.area_m2, learned["length_scale_m"])},
+            "gp": {**learned, **_sizes(points, area, learned["length_scale_m"])},
             "positions": {**_NO_DRIFT, "position_walk_m_rts": _walk_m_rts(vehicles)},
         }
     }
@@ -117,7 +118,7 @@ def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
     return {"kernel": config.kernel, **learned}
 
 
-def _sizes(points: Array, area_m2: float, length_scale_m: float) -> dict[str, float]:
+def _sizes(points: Array, area: SurveyedArea, length_scale_m: float) -> dict[str, float]:
     """Cells and spacing of centers of section `gp` that suit the survey's size."""
     fine_m = max(length_scale_m / 6.0, 1.0)
     spacing_m = min(GpConfig().min_spacing_m, fine_m)
@@ -125,7 +126,7 @@ def _sizes(points: Array, area_m2: float, length_scale_m: float) -> dict[str, fl
     while len(centers) > MAX_CENTERS:
         spacing_m *= 1.25
         centers = centers[one_of_each_cell(centers, spacing_m)]
-    cell_m = max(min(GpConfig().map_resolution_m, fine_m), math.sqrt(area_m2 / MAX_CELLS))
+    cell_m = max(min(GpConfig().map_resolution_m, fine_m), math.sqrt(area.area_m2 / MAX_CELLS), area.finest_cell_m)
     return {"min_spacing_m": round(spacing_m, 1), "map_resolution_m": round(cell_m, 1)}
 
 
@@ -179,6 +180,11 @@ def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[s
         "area": dict(own["area"]),
         "gp": {**prior, "mean_depth_m": own["gp"]["mean_depth_m"], "mean": "survey", "survey_file": str(soundings)},
     }
+    finest_m = area.finest_cell_m
+    if finest_m > GpConfig().map_resolution_m:
+        shared["gp"]["map_resolution_m"] = finest_m
+    if finest_m > PlannerConfig().map_spacing_m:
+        shared["planner"] = {"map_spacing_m": finest_m}
     points = run.vehicles[0].soundings.points_m
     shallow_m = round(float(np.clip(0.3 * np.quantile(points[:, 2], 0.05), 0.5, 3.0)), 1)
     apart_m = max(0.5 * shallow_m, LEAST_SEPARATION_M)

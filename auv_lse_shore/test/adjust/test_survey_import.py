@@ -384,6 +384,18 @@ def test_vehicles_that_took_turns_in_a_table_are_logs_of_their_own(tmp_path, cap
     assert [len(boat.soundings) for boat in boats] == [half, half]
 
 
+def test_the_mission_files_of_a_long_track_have_cells_that_a_map_can_have(tmp_path):
+    """21 km to the north-east: a default cell of 5 m divides the area's extent into 9 million."""
+    along_m = np.arange(0.0, 15e3, 25.0)
+    lat, lon = geodetic_from_local(along_m, along_m, *ORIGIN)
+    rows = np.column_stack([START_S + along_m, lat, lon, 10.0 + 3.0 * np.sin(along_m / 400.0)])
+    assert main([str(written(tmp_path, "a.csv", rows)), "--out", str(tmp_path / "run")]) == 0
+    for name in ("mission.yaml", "dive.yaml"):
+        findings = Findings()
+        check_geometry(Settings.load(tmp_path / "run" / name), findings)
+        assert [text for level, text in findings.rows if level == "error"] == [], name
+
+
 def columns_of(path, *names):
     with path.open() as file:
         rows = list(csv.DictReader(file))
