@@ -13,7 +13,7 @@ from auv_lse_record.recording import RecordingError
 from auv_lse_record.software import version
 from auv_lse_shore.mission_options import settings_given
 from auv_lse_shore.replay.inputs import RecordedInputs, read_inputs
-from auv_lse_shore.replay.recompute_decisions import DecisionStep, recompute_decisions
+from auv_lse_shore.replay.recompute_decisions import AFTER_CUT, CUT, DecisionStep, recompute_decisions
 from auv_lse_shore.replay.recompute_map import MapStep, recompute_map
 from auv_lse_shore.report.progress import show_step
 
@@ -40,7 +40,10 @@ def recompute(options: Namespace) -> int:
     for name in overrides:
         print(f"changed: {name}: {_values(flown, name)} -> {_values(settings, name)}")
     if not inputs.lockstep:
-        print("not flown in lockstep: input times are known to about 0.1 s, which can cause small differences")
+        within_s = 0.1 * (flown.sim.real_time_factor or 1.0)
+        print(
+            f"not flown in lockstep: input times are known to about {within_s:g} s, which can cause small differences"
+        )
     found: list[Row] = []
     for part in options.recompute:
         rows = _computed(part, inputs, (flown, settings), options.tolerance)
@@ -53,6 +56,11 @@ def recompute(options: Namespace) -> int:
         print(f"{part}: {len(rows)} {what} compared, {len(differing)} differ{', only in value' if values else ''}")
         if any(isinstance(row, DecisionStep) and not row.comparable for row in rows):
             print("the values measure different rewards, or horizons, and are not compared")
+        if cut := sum(isinstance(row, DecisionStep) and row.note in (CUT, AFTER_CUT) for row in differing):
+            print(
+                f"{cut} of them cannot be repeated: a deadline ended the search, or an earlier one, after which other "
+                "random numbers are drawn. Compare their values, or fly the mission in lockstep (sim.lockstep)"
+            )
         chosen = rows if options.all else differing
         for line in table(rows[0].TITLES, [row.cells for row in (chosen if options.all else chosen[:SHOWN])]):
             print(line)

@@ -29,6 +29,9 @@ from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from auv_lse_shore.replay.inputs import Pending, RecordedDecision, VehicleInputs, ticks_of
 from auv_lse_shore.replay.recompute_map import RecomputedMap
 
+#: Why a decision cannot be repeated.
+CUT, AFTER_CUT = "the deadline ended the recorded search", "other random numbers, after a search ended by the deadline"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecisionStep:
@@ -119,6 +122,7 @@ class _Recomputer:
         self._centers, self._tuned = Pending(inputs.centers if self._map is None else []), Pending(inputs.tuned)
         self._qualities, self._states = Pending(inputs.qualities), Pending(inputs.states)
         self._revision = -1
+        self._was_cut = False  # whether a deadline has ended a search: others draw other random numbers since
 
     def run(self, show: Callable[[float], None]) -> list[DecisionStep]:
         decisions = {decision.now_s: decision for decision in self._inputs.decisions}
@@ -207,7 +211,9 @@ class _Recomputer:
         if decision.leg.step != recorded.step:
             note = f"step {decision.leg.step} now"
         if recorded.deadline_hit:
-            note = "the deadline ended the recorded search"
+            note, self._was_cut = CUT, True
+        elif self._was_cut and not same_plan and not note:
+            note = AFTER_CUT
         if not same_plan:
             planner.adopt(recorded.plan, leg)
         values = (recorded.jbar, decision.bound.expected_end)

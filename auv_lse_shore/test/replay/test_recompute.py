@@ -88,6 +88,21 @@ def test_a_difference_of_the_value_alone_is_named(flown: Path, monkeypatch, caps
     assert "only in value" not in capsys.readouterr().out
 
 
+def test_what_a_deadline_keeps_from_being_repeated_is_named(flown: Path, monkeypatch, capsys) -> None:
+    inputs = read_inputs(flown)
+    decisions = inputs.vehicles[1].decisions
+    decisions[2] = dataclasses.replace(decisions[2], deadline_hit=True)
+    other = dataclasses.replace(decisions[3].plan, actions=(4,), tour=None, naive_path=0xF0)
+    decisions[3] = dataclasses.replace(decisions[3], plan=other)
+    monkeypatch.setattr("auv_lse_shore.replay.recompute.read_inputs", lambda *_: inputs)
+    assert main([str(flown), "--recompute", "planner"]) == 1
+    out = capsys.readouterr().out
+    assert " of them cannot be repeated: a deadline ended the search, or an earlier one" in out
+    found = [line for line in out.splitlines() if line.startswith("auv1")]
+    assert found[0].endswith("the deadline ended the recorded search")
+    assert found[1].endswith("other random numbers, after a search ended by the deadline")
+
+
 @pytest.mark.parametrize(
     ("changed", "measures_alike"),
     [
