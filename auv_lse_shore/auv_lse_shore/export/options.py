@@ -54,7 +54,7 @@ def add_survey_options(p: argparse.ArgumentParser) -> None:
         type=float,
         default=USUAL_SOUNDER_SPEED_MPS,
         metavar="MPS",
-        help="sound speed set in the sounder during the dive (default: %(default)g)",
+        help="sound speed set in the sounder during the dive (default: %(default)g); needs --sound-speed",
     )
     group.add_argument(
         "--std",
