@@ -16,12 +16,20 @@ from auv_lse_msgs.msg import SimStatus
 from auv_lse_run.process.domain import temporary_environment
 
 _ENDS = {SimStatus.FINISHED: "finished", SimStatus.FAILED: "failed"}
+#: The end for a vehicle that starts, or starts again, during a mission in lockstep.
+TOO_LATE = (
+    "begun already, and in lockstep no vehicle can join it again. Start the simulator and all vehicles again; with "
+    "auv_lse sim --real-time-factor 1 a vehicle may restart"
+)
 #: The simulator is lost after this many failed checks in a row, since its last status may arrive after its end.
 _CHECKS = 10
 
 
 class SimStatusWatch:
-    """A context manager; it provides a function that returns how the mission has ended, None until then."""
+    """A context manager; it provides a function that returns how the mission has ended, None until then.
+
+    The function takes whether the vehicle's nodes may have joined: the mission is over for one that comes too late.
+    """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         """Does not join a ROS domain yet.
@@ -31,10 +39,10 @@ class SimStatusWatch:
         """
         self._environment = environment
         self._state: str | None = None
-        self._begun = False
+        self._begun = self._runs = False
         self._checks_gone = 0
 
-    def __enter__(self) -> Callable[[], str | None]:
+    def __enter__(self) -> Callable[[bool], str | None]:
         """Joins the mission's ROS domain; the caller keeps handling signals."""
         with temporary_environment(self._environment):
             rclpy.init(args=init_arguments(), signal_handler_options=SignalHandlerOptions.NO)
@@ -52,19 +60,21 @@ class SimStatusWatch:
         self._node.destroy_node()
         rclpy.try_shutdown()
 
-    def _check(self) -> str | None:
+    def _check(self, may_have_joined: bool) -> str | None:
         for _ in range(5):  # the status, and other work that may be ready
             self._executor.spin_once(timeout_sec=0.0)
         gone = self._begun and self._node.count_publishers("/sim/status") == 0
         self._checks_gone = self._checks_gone + 1 if gone else 0
         if self._state is None and self._checks_gone >= _CHECKS:
             self._state = "lost its simulator"
+        if self._state is None and self._runs and not may_have_joined:
+            self._state = TOO_LATE
         return self._state
 
     def _on_status(self, message: SimStatus) -> None:
         """Records the end of a mission that this watch has seen waiting or running; ignores earlier missions."""
         if message.dive != self._environment.get(DIVE_VARIABLE, ""):
             return
-        self._begun = self._begun or message.state not in _ENDS
+        self._begun, self._runs = self._begun or message.state not in _ENDS, message.state == SimStatus.RUNNING
         if self._begun:
             self._state = _ENDS.get(message.state)

@@ -361,7 +361,7 @@ def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path
     keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
     with ExitStack() as stack:
         # entered first, so left last: leaving a ROS domain may take long, and must keep no node running
-        mission_end = (lambda: None) if not processes.simulated else stack.enter_context(_mission_end(environment))
+        mission_end = (lambda _: None) if not processes.simulated else stack.enter_context(_mission_end(environment))
         stack.callback(_report_end, processes.vehicle, logs, interrupt)
         stack.callback(keeper.stop)
         while not interrupt.came:
@@ -373,7 +373,7 @@ def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path
                 if processes.lockstep:
                     _say(f"error: {name} died ({keeper.why_died(name, code)}); a lockstep mission cannot continue")
                     return 1
-            if (ended := mission_end()) is not None:
+            if (ended := mission_end(not processes.lockstep or len(keeper.running) == len(tasks))) is not None:
                 _say(f"auv{processes.vehicle}: the simulated mission has {ended}")
                 return 0 if ended == "finished" else 1
             time.sleep(_TICK_S)

@@ -18,6 +18,7 @@ from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
 from auv_lse_run.mission.display import MissionProgress
+from auv_lse_run.mission.sim_status_node import TOO_LATE, SimStatusWatch
 from auv_lse_run.mission.watch_node import MissionWatch
 from auv_lse_run.process.domain import node_environment, own_domain
 
@@ -47,3 +48,25 @@ def test_the_end_of_a_mission_is_read_among_messages_of_another_one() -> None:
             node.destroy_node()
             rclpy.shutdown(context=context)
     assert found[-1] == ("finished", "complete")
+
+
+def test_a_vehicle_that_starts_during_a_mission_in_lockstep_is_too_late() -> None:
+    """The simulator waited 60 s for its answers, and neither explained why."""
+    with own_domain() as domain:
+        context = Context()
+        rclpy.init(context=context, domain_id=domain)
+        node = Node("writer", context=context)
+        status = node.create_publisher(SimStatus, "/sim/status", LATCHED)
+        try:
+            status.publish(SimStatus(dive=OWN, state=SimStatus.RUNNING))
+            with SimStatusWatch(node_environment(domain) | {DIVE_VARIABLE: OWN}) as mission_end:
+                until = time.monotonic() + 30.0
+                while mission_end(False) is None:
+                    assert time.monotonic() < until, "the status is not received"
+                    time.sleep(0.05)
+                assert mission_end(False) == TOO_LATE
+            with SimStatusWatch(node_environment(domain) | {DIVE_VARIABLE: OWN}) as mission_end:
+                assert [mission_end(True) for _ in range(20) if not time.sleep(0.05)] == [None] * 20
+        finally:
+            node.destroy_node()
+            rclpy.shutdown(context=context)
