@@ -172,9 +172,13 @@ class VehicleLinkNode(DriverNode):
                 self._sounding.publish(event)
             case events.LinkUp():
                 log.info(f"autopilot heard: MAV_AUTOPILOT {event.autopilot}, MAV_TYPE {event.vehicle_type}")
+                if self._autopilot.link.counts["lost"]:
+                    self.report_on_terminal(f"auv{self.vehicle}: the autopilot is heard again")
                 self.diagnose()
             case events.LinkLost():
-                log.error(f"link lost: no heartbeat from the autopilot for {event.silent_s:.1f} s")
+                text = f"link lost: no heartbeat from the autopilot for {event.silent_s:.1f} s"
+                log.error(text)
+                self.report_on_terminal(f"auv{self.vehicle}: {text}")
                 self.diagnose()
             case events.Zeroed():
                 self.journal.write("zero", event.pressure_pa)

@@ -120,6 +120,25 @@ def test_a_hosts_clock_that_is_set_loses_no_link(tmp_path: Path, monkeypatch: py
     autopilot.socket.close()
 
 
+def test_a_lost_autopilot_and_its_return_are_a_line_each_on_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = free_port()
+    autopilot = Autopilot(port)
+    parameters = f"link: {{kind: mavlink, endpoint: 'udpin://127.0.0.1:{port}', pressure: none, lost_after_s: 1.0}}"
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", parameters) as s:
+        shown: list[str] = []
+        monkeypatch.setattr(s.node, "report_on_terminal", shown.append)
+        link = s.node._autopilot.link
+        s.until(lambda: link.report.heard, autopilot.speak)
+        s.until(lambda: link.counts["lost"])
+        s.until(lambda: link.report.heard, autopilot.speak)
+    autopilot.socket.close()
+    lost, again = [text for text in shown if "link lost" in text or "heard" in text]
+    assert lost.startswith("auv2: link lost: no heartbeat from the autopilot for 1.")
+    assert again == "auv2: the autopilot is heard again"
+
+
 def test_a_restarted_link_sends_no_target_before_it_has_the_missions_state(tmp_path: Path) -> None:
     here = AutopilotEstimate(
         stamp_s=1.0, heading_rad=0.0, north_m=10.0, east_m=1.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0

@@ -32,6 +32,7 @@ class MicromodemNode(DriverNode):
             raise ParameterError(f"{self.where}: modem: {error}") from error
         self.show_parameters({"modem": config})
         self._headers: dict[int, Any] = {}  # of the packets in progress, by number
+        self._can_send: bool | None = None  # None before the first time
         self._rx = self.publisher("modem/rx")
         self._sent = self.publisher("modem/sent")
         self._failed = self.publisher("modem/failed")
@@ -78,9 +79,15 @@ class MicromodemNode(DriverNode):
                 self._sent.publish_message(self._outcome_of(event.number))
             case events.ModemReady():
                 log.info(f"modem ready, firmware {event.version or 'unknown'}")
+                if self._can_send is False:
+                    self.report_on_terminal(f"auv{self.vehicle}: the modem is ready again")
+                self._can_send = True
                 self.diagnose()
             case events.ModemLost():
                 log.warning(f"modem lost: {event.reason}")
+                if self._can_send:
+                    self.report_on_terminal(f"auv{self.vehicle}: modem lost: {event.reason}; trying again")
+                    self._can_send = False
                 self.diagnose()
             case events.ClockChecked() if not event.within_tolerance:
                 log.warning(f"modem clock {event.offset_s:+z.1f} s off (source {event.source}, PPS {event.pps})")

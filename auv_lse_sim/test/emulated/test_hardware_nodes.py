@@ -42,7 +42,9 @@ def value_of(message: DiagnosticArray, key: str) -> str:
     return next(v.value for v in message.status[0].values if v.key == key)
 
 
-def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path) -> None:
+def test_micromodem_node_sends_receives_and_finds_its_port_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     sent = []
     link, log = tmp_path / "modem", tmp_path / "lines.log"
     with bench(tmp_path) as b:
@@ -62,6 +64,7 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
             def served():
                 rack.serve(time.time())
                 rack.poll(time.time())
+                b.keepers[0].tick(time.monotonic())  # prints what the node reports
                 return condition()
 
             end = time.monotonic() + 30.0
@@ -93,6 +96,8 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
         until(ready, "the modem was not found again")
         tx.publish(ModemTx(header=header(time.time()), source=2, destination=0, payload=PAYLOAD))
         until(lambda: len(sent) == 2, "the second packet did not reach the water")
+        shown = [line for line in capsys.readouterr().out.splitlines() if line.startswith("auv2: ")]
+        assert [line.split(":")[1] for line in shown] == [" modem lost", " the modem is ready again"]
         for keeper in b.keepers:
             keeper.stop()
         rack.close()
