@@ -101,7 +101,8 @@ class VehicleRun:
         fixes: Fixes taken under way, in order of time.
         mates: Navigation data of received packets, in order of time.
         ended_early: Why its mission ended or was aborted before its last leg; "" if it did not.
-        on_a_leg: Whether its recording ends before the leg that was decided last was complete.
+        unfinished_legs: How many of the legs decided last are not complete when its mission, or its recording,
+            ends: the one on which it is, and perhaps the next, which is decided a little earlier.
         battery: Last values of `LEGS_LEFT`, `LEGS_PLANNED` and `BATTERY_LASTS` while its mission ran; empty if unknown.
     """
 
@@ -116,7 +117,7 @@ class VehicleRun:
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
     ended_early: str = ""
-    on_a_leg: bool = False
+    unfinished_legs: int = 0
     battery: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -157,9 +158,9 @@ class VehicleRun:
 
     @property
     def steps(self) -> int:
-        """Number of legs travelled, as the simulator counts them: those decided, except one that was cut off."""
+        """Number of legs travelled, as the simulator counts them: those decided, except those that were cut off."""
         decided = max((d.step for d in self.decisions), default=-1) + 1
-        return max(decided - self.on_a_leg, 0)
+        return max(decided - self.unfinished_legs, 0)
 
     @property
     def travelled(self) -> list[DecisionRecord]:

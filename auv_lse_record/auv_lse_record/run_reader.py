@@ -18,7 +18,8 @@ from auv_lse_common.mission_file.retired import notes_on_retired, without_retire
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.records import BoundReport, HealthReport, PlanReport, RunReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
-from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError, recording_in
 from auv_lse_record.run_data import DecisionRecord, GroundGrid, PacketReceived, RunData, VehicleRun, origin_of
@@ -32,6 +33,7 @@ _TOPICS = {
     "dead_reckoning",
     "fix",
     "plan",
+    "waypoint",
     "planner/bound",
     "modem/tx",
     "modem/rx",
@@ -230,7 +232,7 @@ def _vehicle_run(number: int, log: _Log, method: str) -> VehicleRun:
         fixes=sorted(values["fix"], key=lambda fix: fix.stamp_s),
         mates=sorted(values["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
         ended_early=why_ended_early(states),
-        on_a_leg=ended_on_a_leg(states),
+        unfinished_legs=unfinished_legs(states, [waypoint.leg for waypoint in values["waypoint"]], odometry),
         battery=battery_of(values["diagnostics"]),
     )
 
@@ -238,23 +240,35 @@ def _vehicle_run(number: int, log: _Log, method: str) -> VehicleRun:
 def why_ended_early(states: Sequence[RunReport]) -> str:
     """Why a mission, whose states are in order of time, ended or was aborted before its last leg; "" if it was not."""
     end = _end(states)
-    return end.reason if end is not None and end.ended_early else ""
+    return end.status.reason if end is not None and end.status.ended_early else ""
 
 
-def ended_on_a_leg(states: Sequence[RunReport]) -> bool:
-    """Whether a mission, whose states are in order of time, was cut off on a leg; without states it is complete."""
+def unfinished_legs(states: Sequence[RunReport], legs: Sequence[Leg], odometry: Array) -> int:
+    """How many of the legs that were decided last a mission did not complete.
+
+    Args:
+        states: Its states in order of time; without any it is complete.
+        legs: The legs decided.
+        odometry: Rows that begin with time (s), north, east (m), in order of time.
+    """
     end = _end(states)
-    return bool(states) and (end is None or end.ended_early)
+    if not states or (end is not None and not end.status.ended_early):
+        return 0
+    track = odometry if end is None else odometry[odometry[:, 0] <= end.stamp_s]
+    if not legs or not len(track):
+        return 1
+    has_begun = max(legs, key=lambda leg: leg.step).progress_m(track[-1, 1], track[-1, 2]) > 0.0
+    return 1 if has_begun else 2
 
 
-def _end(states: Sequence[RunReport]) -> RunStatus | None:
-    """The status with which a mission ended or was aborted; None if it runs."""
-    end: RunStatus | None = None
-    for status in (report.status for report in states):
-        if status.state not in (RunState.ENDED, RunState.ABORTED):
+def _end(states: Sequence[RunReport]) -> RunReport | None:
+    """The state with which a mission ended or was aborted; None if it runs."""
+    end: RunReport | None = None
+    for report in states:
+        if report.status.state not in (RunState.ENDED, RunState.ABORTED):
             end = None
         elif end is None:  # later states, such as a mate's abort, do not end it again
-            end = status
+            end = report
     return end
 
 

@@ -5,9 +5,10 @@ import pytest
 
 from auv_lse_common.topics.records import HealthReport, RunReport
 from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
+from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_record.run_data import VehicleRun
-from auv_lse_record.run_reader import battery_of, ended_on_a_leg, why_ended_early
+from auv_lse_record.run_reader import battery_of, unfinished_legs, why_ended_early
 
 LAST = "the last leg is complete"
 
@@ -57,13 +58,30 @@ def test_what_ended_a_mission_decides_whether_it_ended_early_and_on_a_leg(states
     ]
     assert why_ended_early(reports).startswith(reason)
     assert bool(why_ended_early(reports)) == bool(reason)
-    assert ended_on_a_leg(reports) == is_on_a_leg
+    assert unfinished_legs(reports, [], np.empty((0, 4))) == is_on_a_leg
+
+
+@pytest.mark.parametrize(("at_m", "unfinished"), [(19.0, 2), (21.0, 1)])
+@pytest.mark.parametrize("ends", [None, RunState.ABORTED])
+def test_a_leg_that_was_decided_before_it_began_is_unfinished_beside_the_one_before(ends, at_m, unfinished):
+    """Ctrl-C, or an abort, between a decision and the start of its leg: one leg too many counted as travelled."""
+    states = [(0.0, RunState.RUNNING), *([] if ends is None else [(2.0, ends)])]
+    reports = [
+        RunReport(stamp_s=t, revision=i, status=RunStatus(state=state, stop=None, reason="a leak"))
+        for i, (t, state) in enumerate(states)
+    ]
+    legs = [
+        Leg(step=step, heading_rad=0.0, north_m=20.0 * step, east_m=0.0, action_rad=0.0, straight_m=20.0, radius_m=15.0)
+        for step in (0, 1)
+    ]
+    odometry = np.array([[1.0, 10.0, 0.0, 0.0], [2.0, at_m, 0.0, 0.0], [9.0, 90.0, 0.0, 0.0]])
+    assert unfinished_legs(reports, legs, odometry[: 2 if ends is None else 3]) == unfinished
 
 
 @pytest.mark.parametrize(
-    ("on_a_leg", "decided", "travelled"), [(False, 3, 3), (True, 3, 2), (True, 1, 0), (True, 0, 0)]
+    ("unfinished", "decided", "travelled"), [(0, 3, 3), (1, 3, 2), (2, 3, 1), (1, 1, 0), (2, 1, 0), (1, 0, 0)]
 )
-def test_a_leg_that_was_decided_but_not_completed_is_not_travelled(synthetic_run, on_a_leg, decided, travelled):
+def test_a_leg_that_was_decided_but_not_completed_is_not_travelled(synthetic_run, unfinished, decided, travelled):
     decisions = synthetic_run(steps=4).vehicles[0].decisions[:decided]
-    vehicle = VehicleRun(vehicle=1, decisions=decisions, on_a_leg=on_a_leg)
+    vehicle = VehicleRun(vehicle=1, decisions=decisions, unfinished_legs=unfinished)
     assert (vehicle.steps, len(vehicle.travelled)) == (travelled, travelled)

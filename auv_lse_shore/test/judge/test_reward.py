@@ -173,7 +173,7 @@ def test_soundings_of_a_leg_that_was_cut_off_are_in_the_last_map_but_the_leg_is_
         vehicle.decisions = vehicle.decisions[:decided]
     whole = reward_curves(run, settings, area, map_m=map_m)
     for vehicle in run.vehicles:
-        vehicle.on_a_leg = True
+        vehicle.unfinished_legs = 1
     curves = reward_curves(run, settings, area, map_m=map_m)
     assert (run.steps, len(curves.stepwise)) == (decided - 1, decided)
     if run.steps:

@@ -357,7 +357,7 @@ class Fleet:
                     received=Soundings.join(cores.log.received),
                     decisions=cores.log.decisions,
                     position_std_m=np.array(cores.log.position_std).reshape(-1, 2),
-                    on_a_leg=not cores.planner.finished,
+                    unfinished_legs=int(not cores.planner.finished),
                 )
                 for cores in self.cores
             ],
