@@ -19,6 +19,8 @@ MAX_LINES = 5
 _LABEL_SIZE = 6.5
 #: Shares of the map's height and width that scale bar and arrow take in a corner, with room for labels beside them.
 _CORNER = (0.3, 0.36)
+#: Share of the map's width and height between the bar and the edge: more than the 4 % that maps leave around an area.
+_INSIDE = 0.065
 
 
 def add_graticule(
@@ -100,8 +102,8 @@ def add_scale_bar(axis: Any, marked_m: Array | None = None) -> None:
     length = round_length((east - west) / 4.0)
     low, size = np.array([south, west]), np.array([north - south, east - west])
     top, right = _emptiest_corner(((np.empty((0, 2)) if marked_m is None else marked_m) - low) / size)
-    x = east - 0.03 * (east - west) - length if right else west + 0.03 * (east - west)
-    y = south + (0.8 if top else 0.03) * (north - south)
+    x = east - _INSIDE * (east - west) - length if right else west + _INSIDE * (east - west)
+    y = south + (0.8 if top else _INSIDE) * (north - south)
     end = {"markeredgewidth": 2.0, "marker": "|", "markersize": 6.0}
     line = {"color": "black", "lw": 2.0, "zorder": 6, "path_effects": _CASING}
     axis.plot([x, x + length], [y, y], **line, **end)

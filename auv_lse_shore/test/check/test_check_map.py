@@ -231,6 +231,9 @@ def test_the_north_arrow_keeps_clear_of_starts(south: bool, west: bool) -> None:
     assert not boxes["auv1"].overlaps(boxes["100 m"])
     arrow = axis.transData.transform([text.xy for text in axis.texts if text.get_text() == "N"])
     assert not boxes["auv1"].contains(*arrow[0])
+    bar = max((line for line in axis.lines if line.get_marker() == "|"), key=lambda line: np.ptp(line.get_xdata()))
+    off_m = np.array([side for xy in bar.get_xydata() for at in xy for side in (abs(at), abs(500.0 - at))])
+    assert off_m.min() > 0.02 * 500.0, "the bar lies on no border"
 
 
 def test_a_label_in_letters_that_no_font_has_warns_of_nothing(mission: Path, tmp_path: Path) -> None:
