@@ -12,6 +12,7 @@ import math
 import statistics
 from collections import Counter, deque
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_comms.tdma import Tdma
 
 #: A host may notice its slot this late (s).
@@ -146,8 +147,8 @@ class LinkQuality:
             if abs(now_s - self._excess_s.get(source, -math.inf)) < reported_s:
                 count = self.counts[f"excess.{source}"]
                 found[f"excess of {source}"] = (
-                    f"team: {count} packets of vehicle {source} beyond its slots: two vehicles have that number, a "
-                    "transmitter sends too much, or forged packets"
+                    f"team: {counted(count, 'packet')} of vehicle {source} beyond its slots: two vehicles have that "
+                    "number, a transmitter sends too much, or forged packets"
                 )
         return found
 

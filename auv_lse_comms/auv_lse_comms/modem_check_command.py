@@ -14,6 +14,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES, ModemConfig
 from auv_lse_common.mission_file.strict_yaml import yaml_value
 from auv_lse_common.support.device_findings import Finding, print_findings
+from auv_lse_common.support.plurals import counted
 from auv_lse_comms.micromodem import events
 from auv_lse_comms.micromodem.modem_check import ModemCheck
 from auv_lse_comms.micromodem.port import Event, ModemPort
@@ -252,4 +253,4 @@ class _Trial:
             if event is not None:
                 self._show(event)
         pings = self._port.modem.counts["pings_heard"]
-        self._note(self._heard + pings > 0, f"listen: {self._heard} packets, {pings} pings heard")
+        self._note(self._heard + pings > 0, f"listen: {counted(self._heard, 'packet')}, {counted(pings, 'ping')} heard")

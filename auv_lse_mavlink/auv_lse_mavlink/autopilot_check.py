@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.support.device_findings import Finding
+from auv_lse_common.support.plurals import counted
 from auv_lse_mavlink.check.parameters import Change, ParameterReader
 from auv_lse_mavlink.check.rules import STREAMS, Setting, after_silence, rules
 from auv_lse_mavlink.depth_gauge import LEAST_PA
@@ -316,4 +317,4 @@ class AutopilotCheck:
     def _flight_findings(self) -> list[Finding]:
         if self._flight:
             return [Finding(ok=False, text=f"flight: {self._flight}")]
-        return [Finding(ok=True, text=f"flight: {self._flown} legs flown")] if self._flown else []
+        return [Finding(ok=True, text=f"flight: {counted(self._flown, 'leg')} flown")] if self._flown else []

@@ -25,6 +25,8 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.support.plurals import counted
+
 #: Format of the lines; a journal of another one is not read.
 FORMAT = 1
 #: Environment variable with the folder of the journals; without it no node keeps one.
@@ -142,8 +144,8 @@ class Journal:
         """One line for diagnostics; "" without a journal."""
         if self._path is None:
             return ""
-        damaged = f", {self.damaged} damaged lines skipped" if self.damaged else ""
-        found = self.problem or f"{self._read_back} records read back{damaged}"
+        damaged = f", {counted(self.damaged, 'damaged line')} skipped" if self.damaged else ""
+        found = self.problem or f"{counted(self._read_back, 'record')} read back{damaged}"
         return f"{self.stale}; {found}" if self.stale else found
 
     def write(self, kind: str, *values: Any) -> None:

@@ -251,7 +251,7 @@ def test_a_damaged_last_record_leaves_the_one_before_it(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-4])
     read = Journal(path, MISSION, replaced=("decided",))
     assert read.records == [["decided", 1]]
-    assert read.status == "2 records read back, 1 damaged lines skipped"
+    assert read.status == "2 records read back, 1 damaged line skipped"
 
 
 def test_dropped_records_are_still_counted(tmp_path: Path) -> None:
@@ -260,6 +260,6 @@ def test_dropped_records_are_still_counted(tmp_path: Path) -> None:
     read = Journal(path, MISSION)
     read.drop_records()
     assert read.records == []
-    assert read.status == "1 records read back"
+    assert read.status == "1 record read back"
     read.write("step", 2)
     assert Journal(path, MISSION).records == [["step", 1], ["step", 2]]

@@ -10,6 +10,7 @@ import numpy as np
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import error_text
 
 #: Depth (P,) in metres at locations (P, 2).
@@ -96,7 +97,7 @@ class SurveyMean:
         from scipy.spatial import cKDTree
 
         if len(locations_m) < 3:
-            raise ParameterError(f"gp.survey_file has {len(locations_m)} soundings; give at least 3")
+            raise ParameterError(f"gp.survey_file has {counted(len(locations_m), 'sounding')}; give at least 3")
         spread = np.linalg.svd(locations_m - locations_m.mean(axis=0), compute_uv=False)
         if spread[1] <= 1e-9 * max(spread[0], 1e-300):
             raise ParameterError("gp.survey_file has all soundings on one line; give soundings over an area")

@@ -18,6 +18,7 @@ from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.installed_copy import commit_of, copy_of
 from auv_lse_common.support.missing_packages import is_installed
+from auv_lse_common.support.plurals import counted
 from auv_lse_run.process.domain import has_participants, vehicle_on
 from auv_lse_run.remote.dive_process import MISSION
 from auv_lse_run.remote.vehicle_folder import VehicleFolder, sha256_of
@@ -77,7 +78,7 @@ def _mission(file: Path, number: int) -> dict[str, Any]:
     except ParameterError as error:
         return {"error": str(error)}
     if number > settings.mission.vehicles:
-        return {"error": f"{file} has {settings.mission.vehicles} vehicles, and this is auv{number}"}
+        return {"error": f"{file} has {counted(settings.mission.vehicles, 'vehicle')}, and this is auv{number}"}
     own = settings.vehicle(number)
     named = {
         "packet.key_file": settings.packet.key_file if settings.packet.tag else "",

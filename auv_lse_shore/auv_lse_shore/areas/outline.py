@@ -6,6 +6,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 
 #: Largest gap between the ends of a track, as a share of its length.
@@ -40,7 +41,7 @@ def outline(line: Array, closes: str, where: str) -> tuple[Array, str]:
         ParameterError: if it is not closed, or encloses several areas.
     """
     if len(line) < 3:
-        raise ParameterError(f"{where} has {len(line)} points; an outline needs 3. Draw a polygon instead")
+        raise ParameterError(f"{where} has {counted(len(line), 'point')}; an outline needs 3. Draw a polygon instead")
     north, east = local_from_geodetic(line[:, 0], line[:, 1], line[0, 0], line[0, 1])
     gap_m = lengths_m(line)[1]
     if closes == "track" and not ends_meet(line):

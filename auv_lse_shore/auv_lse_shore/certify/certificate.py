@@ -199,7 +199,7 @@ def _failure(check: Check, origin: tuple[float, float] | None) -> str:
     return (
         f"auv{check.vehicle}: {check.what}: published as {check.published:.3f}{unit} at "
         f"{_where(check.location(origin))}, recomputed as {check.recomputed:.3f} ± {check.tolerance:.3f}{unit} "
-        f"({check.cells} cells differ)"
+        f"(cells that differ: {check.cells:,})"
     )
 
 

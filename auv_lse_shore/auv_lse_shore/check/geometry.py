@@ -10,6 +10,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.table import VehicleSections
 from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M, SHALLOWEST_M
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.leg import arc_stray_m, corner_stray_m
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.safety import Safety
@@ -170,7 +171,7 @@ def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, f
     needed = math.ceil(inner / spacing / motion.leg_length_m / settings.mission.vehicles)
     findings.note(
         f"lanes: {lanes} with planner.lane_spacing_m = {spacing:g} m. Mowing the whole area takes each vehicle about "
-        f"{needed} legs; the mission has {settings.mission.steps}"
+        f"{counted(needed, 'leg')}; the mission has {settings.mission.steps}"
     )
 
 

@@ -60,8 +60,8 @@ def _check_legs(settings: Settings, leg_m: float, findings: Findings) -> float |
         return None
     minutes, seconds = divmod(round(longest_s), 60)
     findings.note(
-        f"duration: {minutes} min {seconds} s without current. Each vehicle has {settings.mission.steps} legs of "
-        f"{leg_m:.1f} m"
+        f"duration: {minutes} min {seconds} s without current. Each vehicle has "
+        f"{counted(settings.mission.steps, 'leg')} of {leg_m:.1f} m"
     )
     return longest_s
 
@@ -113,7 +113,7 @@ def _check_slots(settings: Settings, longest_s: float | None, findings: Findings
         f"slots: a packet needs {tdma.needed_s:.1f} s of its slot with guards and travel time ({spare:.1f} s spare)"
     )
     if longest_s is not None:
-        findings.note(f"slots: each vehicle can send {int(longest_s // cycle_s)} packets in the mission")
+        findings.note(f"slots: each vehicle can send {counted(int(longest_s // cycle_s), 'packet')} in the mission")
     expiry = min(own.planner.plan_expiry_s for own in settings.vehicles)
     if expiry < 2.0 * cycle_s and findings.usable("planner.plan_expiry_s"):
         findings.warning(
@@ -149,8 +149,8 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     soundings = cycle_s / max(every_s, 0.1)
     nth = max(1, math.ceil(soundings / least))
     apart = nth * max(every_s, 0.1) * own.vehicle.speed_mps
-    room = f"{least} samples" if least == most else f"{least} to {most} samples (more as the path gets shorter)"
-    tag = f", a tag of {settings.packet.reserve} bytes" if settings.packet.reserve else ""
+    room = counted(least, "sample") if least == most else f"{least} to {most} samples (more as the path gets shorter)"
+    tag = f", a tag of {counted(settings.packet.reserve, 'byte')}" if settings.packet.reserve else ""
     which = "every one" if nth == 1 else f"one in {nth}"
     findings.note(f"packet: the path's start, {counted(actions, 'action')}{', a tour' if tour else ''}{tag} and {room}")
     findings.note(f"packet: of {soundings:.0f} soundings in a cycle {which} is sent. Sent ones are {apart:.0f} m apart")

@@ -15,6 +15,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import error_text
 from auv_lse_common.vocabulary.health import LEGS_LEFT, LEGS_PLANNED
 from auv_lse_shore.live.viewers.server import port_or_any, served
@@ -210,7 +211,7 @@ def page_picture(found: Watch, now_s: float) -> dict[str, Any]:
 def _legs(legs: Mapping[str, int]) -> str:
     """The legs left by battery beside those planned; "" until they are known."""
     left = legs.get(LEGS_LEFT)
-    return "" if left is None else f", {left} legs ({legs.get(LEGS_PLANNED, '?')} planned)"
+    return "" if left is None else f", {counted(left, 'leg')} ({legs.get(LEGS_PLANNED, '?')} planned)"
 
 
 def cells(view: VehicleView, now_s: float) -> list[str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.option_types import whole_from
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, cluster
 from auv_lse_shore.campaign.page import write_results
@@ -123,5 +124,5 @@ def run(options: argparse.Namespace) -> int:
             flown = examples(study, folder, client if "trials" in study.only else None)
     page = write_page(study, folder, flown)
     failed = sum(state.failed for state in states.values())
-    print(f"{page} ({failed} missions failed; {duration(time.monotonic() - began)})")
+    print(f"{page} ({counted(failed, 'mission')} failed; {duration(time.monotonic() - began)})")
     return 1 if failed else 0

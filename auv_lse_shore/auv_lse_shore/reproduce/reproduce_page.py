@@ -10,6 +10,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_shore.campaign.comparison_figures import PAPER_CURVES, comparison, curves, sweep_figure
 from auv_lse_shore.campaign.rows import Row
 from auv_lse_shore.judge.evaluation import Evaluation
@@ -89,7 +90,8 @@ def _subtitle(study: Study, done: Mapping[str, Sequence[Row]], failed: Sequence[
     seeds = len({r["seed"] for r in done.get("trials", [])})
     small = "Small version (--quick): a small area, 40 steps, and too few missions for verdicts. "
     kind = small if study.name == "quick" else ""
-    return f"{kind}{flown} simulated missions, {seeds} seeds in the trials, {len(failed)} missions failed."
+    trials = f"{counted(seeds, 'seed')} in the trials"
+    return f"{kind}{counted(flown, 'simulated mission')}, {trials}, {counted(len(failed), 'mission')} failed."
 
 
 def _counts(found: Sequence[Claim]) -> list[tuple[int, str]]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auv_lse_common.support.arrays import Array, Mask
-from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.plurals import counted, counted_as
 from auv_lse_common.vocabulary.water import HIGHEST_AIR_PA, depth_of
 from auv_lse_gp.no_data import APART_IN_LOGS, fill_values
 from auv_lse_shore.survey_import.frequencies import join_frequencies
@@ -202,13 +202,13 @@ def _sounder_of(content: LogContent, choice: Choice, pings: Counter[str]) -> str
 
 def _reasons(content: LogContent) -> str:
     """What was left out, in brackets; "" if nothing."""
-    reasons = [f"{count} {reason}" for reason, count in content.left_out.items() if count]
+    reasons = [counted_as(count, reason) for reason, count in content.left_out.items() if count]
     found = [
-        f"{len(sounder.pings) // 3} depths of {name}"
+        f"{counted(len(sounder.pings) // 3, 'depth')} of {name}"
         for name, sounder in content.sounders.items()
         if len(sounder.pings)
     ]
-    found += [f"{len(rows)} positions of {kind}" for kind, rows in content.positions.items()]
+    found += [f"{counted(len(rows), 'position')} of {kind}" for kind, rows in content.positions.items()]
     return f" ({'; '.join([*reasons, *found])})" if reasons or found else ""
 
 

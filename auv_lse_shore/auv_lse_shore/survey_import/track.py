@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auv_lse_common.support.arrays import Array, Ints, Mask
+from auv_lse_common.support.plurals import counted_as
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.pings import period_of
 from auv_lse_common.vocabulary.sounding_gate import AGREEING, passing
@@ -119,7 +120,9 @@ def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placemen
     if not log.is_checked:
         soundings = _plausible(soundings, left_out)
     if not len(soundings):
-        reasons = "; ".join(f"{count} {reason}" for reason, count in left_out.items() if count) or "there are none"
+        reasons = (
+            "; ".join(counted_as(count, reason) for reason, count in left_out.items() if count) or "there are none"
+        )
         raise LogError(f"{log.name}: none of {len(log.depths)} depths has a usable position ({reasons}).")
     stated = log.position_std_m is not None and log.has_time
     if stated:
@@ -169,7 +172,7 @@ def _track(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -
     left_out["positions at the time of the one before, or earlier"] += int((~later).sum())
     chosen = chosen[later]
     if not len(chosen):
-        if reasons := "; ".join(f"{count} {reason}" for reason, count in left_out.items() if count):
+        if reasons := "; ".join(counted_as(count, reason) for reason, count in left_out.items() if count):
             raise LogError(f"{log.name} has no usable position ({reasons}).")
         raise LogError(f"{log.name} has no position in the chosen time. Check --from and --to.")
     if log.has_time:

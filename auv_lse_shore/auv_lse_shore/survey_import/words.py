@@ -1,6 +1,5 @@
 """The import's output: the soundings found, those left out and why, and the next commands."""
 
-import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -9,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.plurals import counted, counted_as
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.survey_import.area import SurveyedArea
 from auv_lse_shore.survey_import.survey_log import SurveyLog
@@ -35,17 +34,9 @@ def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
         yield f"- pings of each second are one sounding: {counted(found.combined, 'ping')}"
     for reason, count in sorted(found.left_out.items()):
         if count:
-            yield f"- left out: {count:,} {_singular(reason) if count == 1 else reason}"
+            yield f"- left out: {counted_as(count, reason)}"
     for question in log.questions:
         yield f"- question: {question}"
-
-
-def _singular(reason: str) -> str:
-    """A reason in the singular: "position that is ..." for "positions that are ..."."""
-    things, *which = reason.split(" that ", 1)
-    verbs = {"are": "is", "have": "has", "repeat": "repeats", "jump": "jumps"}
-    said = [" ".join(verbs.get(word, word) for word in text.split(" ")) for text in which]
-    return " that ".join([re.sub(r"s\b", "", things, count=1), *said])
 
 
 def survey_lines(run: RunData, area: SurveyedArea) -> list[str]:

@@ -287,7 +287,7 @@ def test_a_restarted_node_reads_its_whole_journal_but_for_torn_lines(tmp_path):
     assert problem(whole[:-30]) == "4 of the journal's 5 records read back"
     assert problem(whole.partition(b"\n")[0] + b"\n") == "0 of the journal's 5 records read back"
     assert problem(whole.replace(b"step", b"stop"), kills=4) == "0 of the journal's 5 records read back"
-    assert problem(whole.replace(b"step", b"stop", 2)) == "2 lines of the journal damaged by 1 kills"
+    assert problem(whole.replace(b"step", b"stop", 2)) == "2 lines of the journal damaged by 1 kill"
     assert not journal_problem(whole.partition(b"\n")[0] + b"\n", "", 1)  # nothing to read back
 
 
@@ -394,7 +394,7 @@ def test_a_restarted_map_without_a_center_and_a_journal_that_is_not_read_are_los
     own.advance()
     team[1].centers = team[1].centers[:1]
     come_back(team, "gp_node", 1)
-    team[1].log("gp_node", "journal x: 1 records read back\n")
+    team[1].log("gp_node", "journal x: 1 record read back\n")
     own.advance()
     team[1].witness.ledger.map_sizes += [90, 80]
     assert own.strikes[0].wrong == [

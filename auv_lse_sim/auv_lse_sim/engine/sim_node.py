@@ -20,6 +20,7 @@ from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.dive import tagged
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.lockstep import Answer, phases_of
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.topics.plan_codecs import decode_run, decode_waypoint
 from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
 from auv_lse_common.topics.ros_conversions import encoded, message_class, stamp
@@ -190,7 +191,7 @@ class SimNode(BaseNode):
         if not request.ask:
             self._on_command(request.command)
         done = "none sent" if request.ask else "sent"
-        response.accepted, response.message = True, f"{done} to {len(self._topics)} vehicles"
+        response.accepted, response.message = True, f"{done} to {counted(len(self._topics), 'vehicle')}"
         response.clock_s = time.monotonic()
         return response
 

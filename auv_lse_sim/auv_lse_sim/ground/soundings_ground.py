@@ -77,7 +77,7 @@ def _xyz_ground(
     unknown = np.isnan(table.values)
     up = is_elevation(path.stem) if table.upward is None else table.upward
     depth, notes = grid_depths(table.values[~unknown], path, table.depth_name, up, config)
-    notes += [f"{int(unknown.sum())} points without a value left out"] * bool(unknown.any())
+    notes += [f"{counted(int(unknown.sum()), 'point')} without a value left out"] * bool(unknown.any())
     notes += table.notes
     kept = np.flatnonzero(~unknown)[np.isfinite(depth)]
     north, east, depth = table.north_m[kept], table.east_m[kept], depth[np.isfinite(depth)]

@@ -81,7 +81,7 @@ def test_two_modems_in_a_bucket(bucket, tmp_path, capsys):
     assert "ok      send: 1 of 1 packets of 252 bytes at rate 5, at most " in printed
     assert codes == [0], printed
     assert "heard: test packet of modem 1, rate 5, SNR 20.0 dB\n" in printed
-    assert "listen: 1 packets, 1 pings heard" in printed
+    assert "listen: 1 packet, 1 ping heard" in printed
     assert len(TEST_PACKET) == 252
     rack = stop()
     assert rack.transmitted == {1: 2, 2: 1}  # ping and packet; the answer to the ping

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_comms.packet.tag import TRAILER_BYTES, Tagger
 from auv_lse_comms.tdma import Tdma
 
 #: A leg that is published again ends at the same position within this distance (m); a journal keeps all digits.
 SAME_LEG_M = 1e-6
-_READ_BACK = re.compile(r"journal \S+: (\d+) records read back(?:, (\d+) damaged)?")
+_READ_BACK = re.compile(r"journal \S+: ([\d,]+) records? read back(?:, ([\d,]+) damaged)?")
 
 
 class Ledger:
@@ -92,10 +93,10 @@ def journal_problem(journal: bytes, log: str, kills: int) -> str:
     """
     records = sum(map(bool, journal.split(b"\n")[1:]))  # the first line names the mission
     found = _READ_BACK.findall(log)
-    read, damaged = (int(found[-1][0]), int(found[-1][1] or 0)) if found else (0, 0)
+    read, damaged = (int(number.replace(",", "") or 0) for number in (found[-1] if found else ("", "")))
     if read + damaged < records:
-        return f"{read + damaged} of the journal's {records} records read back"
-    return f"{damaged} lines of the journal damaged by {kills} kills" if damaged > kills else ""
+        return f"{read + damaged} of the journal's {counted(records, 'record')} read back"
+    return f"{counted(damaged, 'line')} of the journal damaged by {counted(kills, 'kill')}" if damaged > kills else ""
 
 
 def lost_positions(before_m: ArrayLike, after_m: ArrayLike, within_m: float) -> int:

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from auv_lse_common.support.plurals import listed
+from auv_lse_common.support.plurals import counted, listed
 from auv_lse_common.support.text import is_text
 from auv_lse_gp.tables.column_names import Column
 from auv_lse_gp.tables.dialect import Dialect, columns_of, dialect_of
@@ -85,7 +85,10 @@ def _contents(
         if shared.clock is not Clock.NONE:
             times, stood = tv.spread_times(own.time_s, own.positions, own.is_geodetic)
             own = dataclasses.replace(own, time_s=times)
-        for part, words in ((~stood, name), (stood, f"{name}, {stood.sum()} rows while the clock stood still")):
+        for part, words in (
+            (~stood, name),
+            (stood, f"{name}, {counted(int(stood.sum()), 'row')} while the clock stood still"),
+        ):
             if part.any():
                 content = LogContent(f"{file.path.name}{words}", shared.clock)
                 content.stood_still = bool(stood[part].any())
