@@ -316,7 +316,7 @@ def test_an_unknown_value_of_xyz_is_left_out_and_a_wrong_one_refused(tmp_path):
     rows = [f"{10 * (i % 7)} {10 * (i // 7)} {i % 3}" for i in range(60)]
     for cell in ("nan", "-9999"):
         (tmp_path / "g.xyz").write_text("\n".join([*rows, f"5 5 {cell}"]))
-        assert "1 points without a value left out" in load_ground(tmp_path / "g.xyz").describe()
+        assert "1 point without a value left out" in load_ground(tmp_path / "g.xyz").describe()
     (tmp_path / "g.xyz").write_text("\n".join([*rows, "5 5 nan", "5 5 2o"]))
     with pytest.raises(GroundError, match=r"g\.xyz:62: the third column is '2o'\. Write a finite number"):
         load_ground(tmp_path / "g.xyz")
