@@ -9,7 +9,7 @@ def silence_of(link: VehicleLink) -> str:
     """Why the autopilot is not heard, by what arrives, and the cure."""
     wire, senders = link.wire, link.senders
     if senders.is_sending:
-        return "its other messages arrive, but no HEARTBEAT; let its router or its settings of rates pass that, too"
+        return "its other messages arrive, but no HEARTBEAT; make its router pass HEARTBEAT, too"
     if senders.is_unproven:
         return "signed messages arrive, but no answer to TIMESYNC: a replay, or the autopilot hears nothing"
     if senders.is_unsigned:
