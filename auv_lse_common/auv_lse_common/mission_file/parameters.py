@@ -63,18 +63,15 @@ def parameter(
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=True)
 def configuration(cls: type[T]) -> type[T]:
-    """Decorates a class of parameters: a frozen dataclass whose constructor names a value of the wrong type.
-
-    Ranges are those of mission files, and not checked.
-    """
+    """Decorates a class of parameters: a frozen dataclass that refuses what a mission file must not hold."""
     check = cls.__dict__.get("__post_init__", lambda self: None)
 
     def __post_init__(self: Any) -> None:
         hints = _hints(self.__class__)
         for field in dataclasses.fields(self):
-            if not _has_type(hints[field.name], value := getattr(self, field.name)):
-                name = f"{type(self).__name__}.{field.name}"
-                raise ParameterError(f"{name} must be {_allowed(hints[field.name], field)}, not {value!r}")
+            name = f"{type(self).__name__}.{field.name}"
+            if text := _refusal(hints[field.name], getattr(self, field.name), name, field):
+                raise ParameterError(text)
         check(self)
 
     __post_init__.__doc__ = check.__doc__
@@ -350,6 +347,30 @@ def _has_type(hint: Any, value: Any) -> bool:
     return isinstance(value, hint) or (hint is bool and getattr(value, "dtype", None) == "bool")
 
 
+def _is_within(value: Any, meta: Mapping[str, Any]) -> bool:
+    low, high, above = (meta.get(name) for name in ("low", "high", "above"))
+    return not (
+        (low is not None and value < low)
+        or (high is not None and value > high)
+        or (above is not None and value <= above)
+    )
+
+
+def _refusal(hint: Any, value: Any, name: str, field: dataclasses.Field[Any]) -> str:
+    """Why a value, which may be NumPy's, has the wrong type, or is out of range; "" if it is neither."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return "" if value is None else _refusal(_without_none(hint), value, name, field)
+    if typing.get_origin(hint) is tuple and _has_type(hint, value):
+        element = typing.get_args(hint)[0]
+        each = (_refusal(element, v, f"{name}[{i}]", field) for i, v in enumerate(value))
+        return next(filter(None, each), "")
+    choices = field.metadata.get("choices")
+    good = _has_type(hint, value) and (not choices or value in choices)
+    if hint in (int, float):
+        good = good and math.isfinite(value) and _is_within(value, field.metadata)
+    return "" if good else f"{name} must be {_allowed(hint, field)}, not {value!r}"
+
+
 def _convert(hint: Any, value: Any, key: str, field: dataclasses.Field[Any]) -> Any:
     if dataclasses.is_dataclass(hint):
         return from_mapping(typing.cast(type, hint), value, key)
@@ -390,9 +411,6 @@ def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], allowed: s
             raise error
     elif abs(value) >= INTEGER_LIMIT:
         raise ParameterError(f"{key}: {value!r} does not fit 64 bits, which ROS 2 has for a whole number")
-    low, high, above = (meta.get(name) for name in ("low", "high", "above"))
-    if (low is not None and value < low) or (high is not None and value > high):
-        raise error
-    if above is not None and value <= above:
+    if not _is_within(value, meta):
         raise error
     return value

@@ -78,7 +78,7 @@ def test_raster_represents_a_thin_wall():
     [
         ((0.0, 0.0, 1.0, 1.0), r"area\.polygon_m has 4 numbers; give north, east of at least 3 corners"),
         ((0.0, 0.0, 1.0, 1.0, 2.0, 0.0, 1.0), "has 7 numbers"),
-        ((0.0, 0.0, 1.0, math.nan, 2.0, 0.0), r"corner 2 is \(1\.0, nan\); coordinates must be finite"),
+        ((0.0, 0.0, 1.0, math.nan, 2.0, 0.0), r"AreaConfig\.polygon_m\[3\] must be a number in m, not nan"),
         (
             (0.0, 0.0, 10.0, 10.0, 10.0, 0.0, 0.0, 10.0),
             r"itself: the edge from corner 1 \(0, 0\) to corner 2 .* meets the edge from corner 3 .* to corner 4",
@@ -159,7 +159,7 @@ def test_raster_distance_equals_the_minimum_over_all_edges(seed):
             r"area\.shore\.west has 2 numbers; give finite north, east of at least 2",
         ),
         ({"shore": {"west": (0.0, 0.0, 1.0, math.nan)}}, "give finite north, east"),
-        ({"shore_depth_m": math.inf}, r"area\.shore_depth_m must be a finite number, not inf"),
+        ({"shore_depth_m": math.inf}, r"AreaConfig\.shore_depth_m must be a number from -100 to 12,000 m, not inf"),
         ({"shore": {"west": (0.0, 1.0) * 2001}}, r"have 2,0\d\d corners together"),
     ],
 )

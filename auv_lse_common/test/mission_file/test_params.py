@@ -309,9 +309,12 @@ def test_a_value_of_the_wrong_type_in_python_is_named_with_what_is_wanted(cls, n
         ({"max_centers": 2.5}, r"GpConfig.max_centers must be a whole number from 1 to 100,000, not 2.5"),
         ({"noise_std_m": None}, r"GpConfig.noise_std_m must be a number above 0 and at most 1000 m, not None"),
         ({"merge": 1}, r"GpConfig.merge must be true or false, not 1"),
+        ({"length_scale_m": -1}, r"GpConfig.length_scale_m must be a number above 0 and at most 100,000 m, not -1"),
+        ({"rotation_deg": 181.0}, r"GpConfig.rotation_deg must be a number from -180 to 180 deg, not 181.0"),
+        ({"mean": "flat"}, r"GpConfig.mean must be one of 'constant', 'plane', 'survey', not 'flat'"),
     ],
 )
-def test_the_error_of_a_wrong_type_reads_like_that_of_a_mission_file(values, message):
+def test_the_error_of_a_wrong_value_reads_like_that_of_a_mission_file(values, message):
     with pytest.raises(ParameterError, match=message):
         GpConfig(**values)
 

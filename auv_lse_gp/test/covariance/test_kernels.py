@@ -143,10 +143,10 @@ def test_two_axes():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"kernel": "matern12"}, r"gp\.kernel must be one of matern52, .*, not 'matern12'"),
-        ({"noise_std_m": 0.0}, r"gp\.noise_std_m must be a finite number > 0, not 0\.0"),
+        ({"kernel": "matern12"}, r"GpConfig\.kernel must be one of 'matern52', .*, not 'matern12'"),
+        ({"noise_std_m": 0.0}, r"GpConfig\.noise_std_m must be a number above 0 and at most 1000 m, not 0\.0"),
         ({"noise_std_m": 1e-6}, r"gp\.noise_std_m: 1e-06 m is too small .*; use at least 1e-4 of gp\.signal_std_m"),
-        ({"length_scale_m": math.inf}, r"gp\.length_scale_m must be .*, not inf"),
+        ({"length_scale_m": math.inf}, r"GpConfig\.length_scale_m must be .*, not inf"),
         ({"mean": "survey"}, r"gp\.survey_file is empty"),
         ({"min_depth_m": 5.0, "max_depth_m": 5.0}, r"gp\.min_depth_m is 5\.0 m, but must be below gp\.max_depth_m"),
     ],

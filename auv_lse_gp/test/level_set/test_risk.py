@@ -212,9 +212,11 @@ def test_invalid_arguments_are_named():
         expected_bayes_risk(1.0, 1.0, [1.0, -1.0], 1.0, 1.0, 1.0)
     with pytest.raises(ValueError, match=r"method must be one of exact, exponential_quadratic, not 'guess'"):
         expected_bayes_risk(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, method="guess")
-    with pytest.raises(ParameterError, match=r"level_set\.cost_false_unsafe must be .*, not -1"):
+    with pytest.raises(
+        ParameterError, match=r"LevelSet\.cost_false_unsafe must be a number above 0 and at most 1,000,000, not -1"
+    ):
         LevelSet(cost_false_unsafe=-1.0)
-    with pytest.raises(ParameterError, match=r"level_set\.level_m must be .*, not nan"):
+    with pytest.raises(ParameterError, match=r"LevelSet\.level_m must be .*, not nan"):
         LevelSet(level_m=float("nan"))
 
 

@@ -228,7 +228,7 @@ def test_first_two_modes_are_those_that_a_fix_removes():
     """A fix where the track ends, in the middle of the mean: it moves nothing, and the variance falls by these two."""
     rng = np.random.default_rng(33)
     ground = Ground(rng, GP)
-    config = PositionsConfig(correct=True, terrain=False, moved_m=1e9)
+    config = PositionsConfig(correct=True, terrain=False, moved_m=1000.0)
     intake = played([sail(rng, CONFIG, 12, box_m=300.0)], ground, config)
     corrector = intake.corrector
     assert corrector is not None

@@ -264,7 +264,7 @@ def test_value_without_own_locations_is_that_of_the_mates():
 def test_gradient_is_0_without_risk():
     case = Case()
     far = CachedPoints(case.posterior, case.locations_m)
-    sure = AnytimeReward(far, LevelSet(level_m=-500.0), [], case.time)
+    sure = AnytimeReward(far, LevelSet(level_m=12_000.0), [], case.time)
     value, gradient = sure.value_and_gradient(case.path_m.reshape(-1, 2))
     assert value == 0.0
     assert not gradient.any()

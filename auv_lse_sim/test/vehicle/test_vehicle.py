@@ -460,7 +460,7 @@ def test_gps_errors_are_correlated_over_seconds():
     """While it waits, each reading is the truth and an error of 1 m that takes 20 s to change."""
     errors = []
     for seed in range(40):
-        dive = Dive(sim_config(), seed, start_delay_s=1e6)
+        dive = Dive(sim_config(), seed, start_delay_s=86_400.0)
         for _ in range(60):
             dive.tick()
             errors.append(dive.vehicle._m.gps_error_north)

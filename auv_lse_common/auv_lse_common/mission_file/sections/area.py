@@ -1,7 +1,5 @@
 """Section `area`: the operating area."""
 
-import math
-
 import numpy as np
 
 from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
@@ -89,8 +87,6 @@ class AreaConfig:
                 raise ParameterError(
                     f"area.shore.{name} has {len(flat)} numbers; give finite north, east of at least 2 corners"
                 )
-        if not math.isfinite(self.shore_depth_m):
-            raise ParameterError(f"area.shore_depth_m must be a finite number, not {self.shore_depth_m}")
         if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
             raise ParameterError(
                 f"area.origin_lat_deg, area.origin_lon_deg are {self.origin_lat_deg!r}, {self.origin_lon_deg!r}, "

@@ -1,7 +1,5 @@
 """Parameters of the Gaussian process: the section `gp` of a mission file."""
 
-import math
-
 from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
 from auv_lse_common.vocabulary.sounding import DEEPEST_M
 
@@ -92,19 +90,11 @@ class GpConfig:
     )
 
     def __post_init__(self) -> None:
-        """Checks values and combinations.
+        """Checks combinations.
 
         Raises:
             ParameterError: naming the contradictory fields.
         """
-        for name in ("signal_std_m", "length_scale_m", "noise_std_m", "map_resolution_m"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ParameterError(f"gp.{name} must be a finite number > 0, not {value!r}")
-        for name in ("kernel", "mean"):
-            choices = {"kernel": KERNELS, "mean": MEANS}[name]
-            if getattr(self, name) not in choices:
-                raise ParameterError(f"gp.{name} must be one of {', '.join(choices)}, not {getattr(self, name)!r}")
         if self.mean == "survey" and not self.survey_file:
             raise ParameterError("gp.survey_file is empty; gp.mean 'survey' needs a file of soundings")
         if self.min_depth_m >= self.max_depth_m:

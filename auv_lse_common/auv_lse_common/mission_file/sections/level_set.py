@@ -1,8 +1,6 @@
 """Section `level_set`: the isobath to find, and the costs of wrong calls."""
 
-import math
-
-from auv_lse_common.mission_file.parameters import ParameterError, configuration, parameter
+from auv_lse_common.mission_file.parameters import configuration, parameter
 from auv_lse_common.vocabulary.sounding import DEEPEST_M
 
 
@@ -19,18 +17,6 @@ class LevelSetConfig:
     cost_false_unsafe: float = parameter(
         10.0, above=0.0, high=1e6, help="Cost of calling a safe location unsafe (paper: c2)"
     )
-
-    def __post_init__(self) -> None:
-        """Rejects unusable values.
-
-        Raises:
-            ParameterError: naming the field.
-        """
-        if not math.isfinite(self.level_m):
-            raise ParameterError(f"level_set.level_m must be a finite depth, not {self.level_m!r}")
-        for name in ("cost_false_safe", "cost_false_unsafe"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ParameterError(f"level_set.{name} must be a finite number > 0, not {getattr(self, name)!r}")
 
     @property
     def largest_risk(self) -> float:
