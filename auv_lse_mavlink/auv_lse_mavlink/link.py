@@ -443,8 +443,9 @@ class VehicleLink:
         armed = self.status.armed
         self.gauge.set_state(not armed or (has_fix and self._targets.stopped), has_fix, armed)
         self.gauge.pressure(self._now_s, pressure_pa(message))
-        stamp_s = self._clock.stamp_s(self._utc_s, message.time_boot_ms)
-        self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
+        if math.isfinite(message.press_abs):
+            stamp_s = self._clock.stamp_s(self._utc_s, message.time_boot_ms)
+            self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
 
     def _on_power(self, message: Message) -> None:
         self.status.power(self._now_s, message)

@@ -331,7 +331,10 @@ def test_a_dvl_and_a_range_finder_are_not_mixed():
 def test_pressure_in_pascal():
     pilot = Autopilot(pressure="SCALED_PRESSURE2").up()
     pilot.say(mavlink.MAVLink_scaled_pressure2_message(5000, 1405.5, 0.0, 1000))
-    assert pilot.of(Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
+    pilot.say(mavlink.MAVLink_scaled_pressure2_message(5000, math.nan, 0.0, 1000))  # a broken sensor
+    (pressure,) = pilot.of(Pressure)
+    assert pressure.pressure_pa == pytest.approx(140550.0, rel=1e-6)
+    assert pilot.link.counts["bad_pressures"] == 1
 
 
 def test_global_position_that_does_not_agree_is_reported_once():
