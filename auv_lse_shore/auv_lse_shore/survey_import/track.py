@@ -215,7 +215,8 @@ def _fresh(times: Array, north: Array, east: Array) -> Mask:
     """Whether each position is new, or repeated because the boat stands still.
 
     Loggers repeat the last position with each depth until the next one arrives. Such a run of equal positions ends
-    with a step that is faster than the boat; then only its first position is real.
+    with a step that is faster than the boat; then only its first position is real. A boat that stands for long, with
+    positions in whole metres, makes small steps.
     """
     is_new = np.append(True, (np.diff(north) != 0.0) | (np.diff(east) != 0.0))
     starts = np.flatnonzero(is_new)
@@ -226,7 +227,8 @@ def _fresh(times: Array, north: Array, east: Array) -> Mask:
     until = np.append(times[starts[1:]], times[-1])
     whole, last = until - times[starts], until - times[ends]
     speed = float(np.median(moved[:-1] / np.maximum(whole[:-1], 1e-9)))
-    is_stale = (ends > starts) & (moved > STALE * speed * last)
+    stood = (whole > LEAST_GAP_S) & (moved <= COURSE_M)
+    is_stale = (ends > starts) & (moved > STALE * speed * last) & ~stood
     fresh: Mask = is_new | ~np.repeat(is_stale, ends - starts + 1)
     return fresh
 

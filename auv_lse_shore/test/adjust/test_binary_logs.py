@@ -20,7 +20,7 @@ ROWS = survey()[:120]
 POLAR_M, HUMMINBIRD_M = 6_356_752.3142, 6_378_388.0
 
 
-def lowrance(rows, version=2):
+def lowrance(rows, version=2, created_s=START_S):
     """SL2 or SL3: a primary channel with depths in feet, and a side scan of the same pings."""
     data = struct.pack("<4H", version, version - 1, 3200, version - 2)  # as in real logs
     for stamp, lat, lon, depth in rows:
@@ -29,13 +29,13 @@ def lowrance(rows, version=2):
         for channel in (0, 5):
             length, echoes = (144, 20) if version == 2 else (168, 20)
             frame = bytearray(length + echoes)
-            feet, ms = depth / 0.3048 + channel, round(1000 * (stamp - START_S))
+            feet, ms = depth / 0.3048 + channel, round(1000 * (stamp - created_s))
             if version == 2:
-                places = ((28, "H", length + echoes), (32, "H", channel), (60, "I", int(START_S)), (64, "f", feet),
-                          (108, "i", x), (112, "i", y), (132, "H", 0x10), (140, "I", ms))  # fmt: skip
+                places = ((28, "H", length + echoes), (32, "H", channel), (60, "I", int(created_s)), (64, "f", feet),
+                          (108, "i", x), (112, "i", y), (132, "H", 0x10), (140, "i", ms))  # fmt: skip
             else:
-                places = ((8, "H", length + echoes), (12, "H", channel), (40, "I", int(START_S)), (48, "f", feet),
-                          (92, "i", x), (96, "i", y), (116, "H", 0x10), (124, "I", ms))  # fmt: skip
+                places = ((8, "H", length + echoes), (12, "H", channel), (40, "I", int(created_s)), (48, "f", feet),
+                          (92, "i", x), (96, "i", y), (116, "H", 0x10), (124, "i", ms))  # fmt: skip
             struct.pack_into("<I", frame, 0, len(data))
             for at, kind, value in places:
                 struct.pack_into(f"<{kind}", frame, at, value)
@@ -130,6 +130,25 @@ def test_each_format_gives_the_known_depths(tmp_path, name):
     assert len(log.soundings) == len(ROWS)
     assert log.soundings[0, 0] == pytest.approx(START_S, abs=0.5)
     # 7 cm: Lowrance's positions have whole metres, on ground of 5 cm per metre and a hump
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.07)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_pings_before_the_moment_at_which_a_lowrance_log_was_created_keep_their_times(tmp_path, version):
+    path = tmp_path / "a.log"  # three of nine real recordings begin some 0.5 s before it
+    path.write_bytes(lowrance(ROWS, version, created_s=START_S + 2))
+    (log,) = gathered(path).placed
+    assert log.soundings[:, 0] == pytest.approx(ROWS[:, 0], abs=0.01)
+
+
+def test_a_channel_of_a_lowrance_log_whose_positions_lag_does_not_mix_with_another(tmp_path):
+    path = tmp_path / "a.log"
+    data = bytearray(lowrance(ROWS))
+    for at in range(8 + 164, len(data), 2 * 164):  # the side scan, 16 m north: jumps of 16 m within no time
+        struct.pack_into("<i", data, at + 112, struct.unpack_from("<i", data, at + 112)[0] + 23)
+    path.write_bytes(bytes(data))
+    (log,) = gathered(path).placed
+    assert len(log.soundings) == len(ROWS) and not log.left_out["positions that jump"]
     assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.07)
 
 

@@ -376,6 +376,13 @@ def test_positions_that_a_logger_repeats_are_old(tmp_path):
     assert np.median(off_m) < 0.1  # 9 m, if the old positions were used
 
 
+def test_positions_of_a_boat_that_stands_are_not_old(tmp_path):
+    rows = [(i, 46.5 + i // 25 * 9e-6, 6.6, 5 + 0.01 * (i % 7)) for i in range(200)]  # 1 m further every 25 s
+    text = "\n".join(["time_s,lat,lon,depth_m", *(f"{t:.1f},{a:.8f},{o:.8f},{d:.3f}" for t, a, o, d in rows)])
+    (log,) = gathered(tmp_path, text).placed
+    assert len(log.soundings) == len(rows)
+
+
 def test_elevations_ask_for_the_surface(tmp_path):
     data = lines("lat,lon,elevation,time_utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{82.5 - d:.3f},{utc(t)}")
     with pytest.raises(LogError, match="give that of the water surface with --surface M"):

@@ -56,12 +56,14 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         size, channel = (struct.unpack_from("<H", data, at + at_of[name])[0] for name in ("size", "channel"))
         flags = struct.unpack_from("<H", data, at + at_of["flags"])[0]
         depth_ft = struct.unpack_from("<f", data, at + at_of["depth"])[0]
-        stamp_s = created_s + 1e-3 * struct.unpack_from("<I", data, at + at_of["time"])[0]
-        if flags & _HAS_POSITION:
-            _add_position(content, stamp_s, *struct.unpack_from("<ii", data, at + at_of["lon"]))
+        # signed: the first pings may be older than the file
+        stamp_s = created_s + 1e-3 * struct.unpack_from("<i", data, at + at_of["time"])[0]
+        name = f"channel {_CHANNELS.get(channel, channel)}"
+        if flags & _HAS_POSITION:  # a channel's positions may lag behind another's
+            _add_position(content, name, stamp_s, *struct.unpack_from("<ii", data, at + at_of["lon"]))
         else:
             content.left_out[NO_FIX] += 1
-        content.depth(f"channel {_CHANNELS.get(channel, channel)}", stamp_s, _FEET_M * depth_ft)
+        content.depth(name, stamp_s, _FEET_M * depth_ft)
         at, after = at + max(size, length), at + length
         count += 1
         if count % _PIECE == 0:
@@ -70,12 +72,12 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     return [content]
 
 
-def _add_position(content: LogContent, stamp_s: float, x_m: int, y_m: int) -> None:
+def _add_position(content: LogContent, name: str, stamp_s: float, x_m: int, y_m: int) -> None:
     if x_m == 0 and y_m == 0:
-        content.position("frames", stamp_s, 0.0, 0.0)
+        content.position(name, stamp_s, 0.0, 0.0)
         return
     latitude = 2.0 * np.arctan(np.exp(np.clip(y_m / _RADIUS_M, -10.0, 10.0))) - 0.5 * np.pi
-    content.position("frames", stamp_s, float(np.degrees(latitude)), float(np.degrees(x_m / _RADIUS_M)))
+    content.position(name, stamp_s, float(np.degrees(latitude)), float(np.degrees(x_m / _RADIUS_M)))
 
 
 def _next_frame(data: bytes, at: int) -> int:
