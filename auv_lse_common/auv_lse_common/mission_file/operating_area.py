@@ -88,18 +88,7 @@ class OperatingArea:
     @property
     def unreachable_m2(self) -> float:
         """Size of the ground in the polygon that is left out because no vehicle can reach it."""
-        step, (rows, columns) = self.config.raster_m, self._nodes.shape
-        north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
-        east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)
-        left_out = np.zeros(self._nodes.shape, dtype=bool)
-        there = _raster_in_polygon(self.polygon, north, east)
-        for name, polygon in self.no_go.items():
-            inside = _raster_in_polygon(polygon, north, east)
-            if name.startswith(UNREACHABLE):
-                left_out |= inside
-            else:
-                there &= ~inside
-        return float(np.count_nonzero(left_out & there)) * step**2
+        return unreachable_m2(self.config)
 
     def contains(self, locations_m: ArrayLike) -> Mask:
         """Mask (P,) of the positions (P, 2) inside the polygon and outside all no-go areas."""
@@ -167,20 +156,25 @@ class OperatingArea:
             first, last = math.floor(low / resolution_m), math.ceil(high / resolution_m)
             axes.append((np.arange(first, max(last, first + 1), dtype=np.float64) + 0.5) * resolution_m)
         north, east = axes
-        mesh = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
-        inside = self.contains(mesh).reshape(len(north), len(east))
+        inside = self._free(north, east)
         if not np.any(inside):
             raise ParameterError(
                 f"{name}: no center of a {resolution_m!r} m cell lies in the area. Choose smaller cells"
             )
         return Grid(north, east, inside, resolution_m)
 
+    def _free(self, north: Array, east: Array) -> Mask:
+        """Whether the nodes (R, C) of these axes are inside the polygon and outside all no-go areas."""
+        inside = _raster_in_polygon(self.polygon, north, east)
+        for polygon in self.no_go.values():
+            inside &= ~_raster_in_polygon(polygon, north, east)
+        return inside
+
     def _raster(self) -> None:
         step = self.config.raster_m
         low_n, high_n, low_e, high_e = self.extent_m
         self._north0_m, self._east0_m = low_n - step, low_e - step
-        rows = math.ceil((high_n - low_n) / step) + 3
-        columns = math.ceil((high_e - low_e) / step) + 3
+        rows, columns = (math.ceil((high - low) / step) + 3 for low, high in ((low_n, high_n), (low_e, high_e)))
         if rows * columns > MAX_RASTER_NODES:
             least_m = math.ceil(10.0 * step * math.sqrt(rows * columns / MAX_RASTER_NODES)) / 10.0
             raise ParameterError(
@@ -188,19 +182,37 @@ class OperatingArea:
                 f"{high_n - low_n:.0f} m x {high_e - low_e:.0f} m, more than {MAX_RASTER_NODES:,}. Choose a larger "
                 f"raster_m, at least {least_m:g} m, or a smaller area"
             )
-        north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
-        east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)
+        north, east = _raster_axes(self.polygon, step)
         polygons = (self.polygon, *self.no_go.values())
         distance = np.sqrt(_border_distance_2(polygons, north, east))
-        inside = _raster_in_polygon(self.polygon, north, east)
-        for polygon in self.no_go.values():
-            inside &= ~_raster_in_polygon(polygon, north, east)
-        self._nodes = np.where(inside, distance, -distance)
+        self._nodes = np.where(self._free(north, east), distance, -distance)
         if not np.any(self._nodes > 0.0):
             raise ParameterError(
                 "area.no_go covers the whole polygon. If some of the area is free, decrease area.raster_m (now "
                 f"{step!r})"
             )
+
+
+def _raster_axes(polygon: Array, step_m: float) -> tuple[Array, Array]:
+    """North and east (m) of the rows and columns of a polygon's raster."""
+    counts = np.ceil(np.ptp(polygon, axis=0) / step_m).astype(int) + 3
+    north, east = (low - step_m + step_m * np.arange(n) for low, n in zip(polygon.min(axis=0), counts, strict=True))
+    return north, east
+
+
+def unreachable_m2(config: AreaConfig) -> float:
+    """Size of the ground in the polygon that is left out because no vehicle can reach it."""
+    polygon = corners("area.polygon_m", config.polygon_m)
+    north, east = _raster_axes(polygon, config.raster_m)
+    there = _raster_in_polygon(polygon, north, east)
+    left_out = np.zeros_like(there)
+    for name, flat in config.no_go.items():
+        inside = _raster_in_polygon(corners(f"area.no_go.{name}", flat), north, east)
+        if name.startswith(UNREACHABLE):
+            left_out |= inside
+        else:
+            there &= ~inside
+    return float(np.count_nonzero(left_out & there)) * config.raster_m**2
 
 
 def free_m2(config: AreaConfig) -> float:

@@ -17,7 +17,7 @@ from auv_lse_shore.areas.geojson import geojson_features, json_of
 from auv_lse_shore.areas.gpx import gpx_features
 from auv_lse_shore.areas.kml import is_kmz, kml_features, kmz_features
 from auv_lse_shore.areas.plans import corner_list_features, is_fence, qgc_features, waypoint_features
-from auv_lse_shore.areas.roles import content_of, listed_names
+from auv_lse_shore.areas.roles import MAX_LISTED, content_of, listed_names
 from auv_lse_shore.areas.xml_tree import read_xml
 
 KINDS = (
@@ -114,7 +114,11 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
 def notes_on(path: Path, content: AreaContent, vehicles: int) -> list[str]:
     """Sentences about what a mission with this many vehicles uses and ignores of a file."""
     used = [f"the area {content.area_name!r}" if content.area_name else "the area"] if content.area is not None else []
-    used += [f"no-go area {name}" for name in content.no_go]
+    names = list(content.no_go)
+    if len(names) > MAX_LISTED:
+        used.append(f"{len(names)} no-go areas, {names[0]} to {names[-1]}")
+    else:
+        used += [f"no-go area {name}" for name in names]
     used += ["the shore"] if content.shores else []
     own = [(number, f"start of auv{number}") for number in sorted(content.starts)]
     own += [

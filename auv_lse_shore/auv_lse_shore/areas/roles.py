@@ -26,7 +26,7 @@ MAX_EXTENT_DEG = 2.0
 #: Largest number of rings in a file; those of an area have at most 2,000 corners together.
 MAX_RINGS = 700
 #: Number of names that an error or a note lists.
-_MAX_LISTED = 8
+MAX_LISTED = 8
 
 
 def content_of(features: Sequence[Feature], where: str) -> AreaContent:
@@ -60,7 +60,7 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
     if len(areas) > 1 or (not areas and len(lines) > 1):
         names = listed_names([f.name or "without a name" for f in areas or lines])
         what = f"{len(areas or lines)} {'polygons' if areas else 'lines'}"
-        raise ParameterError(f"{where}: {what} may be the operating area: {names}. {NAMING}")
+        raise ParameterError(f"{where}: {what} may be the operating area: {names}. {NAMING}{_if_islands(areas or lines)}")
     if areas:
         content.ignored += [f.name or _kind(f) for f in lines if len(lines) > 1 or f.line is not areas[0].line]
         content.area, content.area_name = _checked(areas[0].rings[0], areas[0], where), areas[0].name
@@ -71,6 +71,15 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
     return content
 
 
+def _if_islands(features: Sequence[Feature]) -> str:
+    """What to do if one feature is a lake, and the others are its islands; "" if none encloses all others."""
+    rings = [feature.rings[0] if feature.rings else feature.line for feature in features]
+    around = max((ring for ring in rings if ring is not None), key=lambda ring: float(np.ptp(ring, axis=0).prod()))
+    if not all(ring is around or (ring is not None and _covers(around, ring)) for ring in rings):
+        return ""
+    return ". If the largest is a lake and the others are islands, give those the property (a column) role: no-go"
+
+
 def _nothing_usable(content: AreaContent, where: str) -> str:
     shown = listed_names(content.ignored)
     return f"{where} has no polygon{f', only {shown}' if shown else ''}. Draw the operating area as a polygon"
@@ -79,7 +88,7 @@ def _nothing_usable(content: AreaContent, where: str) -> str:
 def listed_names(names: Sequence[str]) -> str:
     """The names of features, each once with its number."""
     numbers = Counter(names).items()
-    return listed([f"{number} x {name!r}" if number > 1 else repr(name) for name, number in numbers], _MAX_LISTED)
+    return listed([f"{number} x {name!r}" if number > 1 else repr(name) for name, number in numbers], MAX_LISTED)
 
 
 def _kind(feature: Feature) -> str:
@@ -187,8 +196,10 @@ def _add_no_go_feature(content: AreaContent, feature: Feature, where: str) -> No
     elif feature.line is None and feature.point is None:
         content.ignored.append(name)
     else:
-        kind = "point" if feature.point is not None else "line"
-        raise ParameterError(f"{where}: {name!r} is a {kind}; a no-go area needs a polygon. Draw one, or rename it")
+        kind = "a point" if feature.point is not None else "an open line"
+        raise ParameterError(
+            f"{where}: {name!r} is {kind}; a no-go area needs a polygon or a closed line. Draw one, or change its role"
+        )
 
 
 def _shores(feature: Feature) -> list[Array]:

@@ -97,7 +97,7 @@ def _check_slots(settings: Settings, longest_s: float | None, findings: Findings
     tdma = settings.tdma
     order = tdma.order or tuple(range(1, settings.mission.vehicles + 1))
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
-    span = float(max(np.hypot(*(a - b)) for a in corners for b in corners))
+    span = float(np.hypot(*(corners[:, None] - corners).T).max())
     if span > tdma.max_range_m and findings.usable("area.polygon_m"):
         span = math.ceil(span)
         slot_s = tdma.needed_s + (span - tdma.max_range_m) / tdma.sound_speed_mps + WINDOW_S

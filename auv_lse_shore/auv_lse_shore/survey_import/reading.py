@@ -96,7 +96,7 @@ def read_logs(path: Path, options: ReadOptions, progress: Progress) -> list[LogC
             if file.is_cut_off:
                 contents[0].notes.append("the gzip file is damaged or cut off: what follows is missing")
             return contents
-    raise LogError(f"{path} is of no format that can be read. See them with auv_lse import --help.")
+    raise LogError(f"{path} is of no format that can be read. See the formats with auv_lse import --help.")
 
 
 def _refuse_others(path: Path, head: bytes) -> None:
@@ -126,4 +126,4 @@ def read_all(
         except (ValueError, OSError) as error:
             if all_named:
                 raise
-            yield f"{path}: left out: {error}"
+            yield f"left out: {error}" if str(path) in str(error) else f"left out: {path}: {error}"

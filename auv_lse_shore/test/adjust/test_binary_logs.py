@@ -148,7 +148,8 @@ def test_a_channel_of_a_lowrance_log_whose_positions_lag_does_not_mix_with_anoth
         struct.pack_into("<i", data, at + 112, struct.unpack_from("<i", data, at + 112)[0] + 23)
     path.write_bytes(bytes(data))
     (log,) = gathered(path).placed
-    assert len(log.soundings) == len(ROWS) and not log.left_out["positions that jump"]
+    assert len(log.soundings) == len(ROWS)
+    assert not log.left_out["positions that jump"]
     assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.07)
 
 

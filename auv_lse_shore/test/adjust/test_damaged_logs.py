@@ -236,7 +236,7 @@ def test_files_of_other_programs_are_named(tmp_path, name):
     (tmp_path / name).write_bytes(begin + b"\n" * 20 + bytes(300))
     with pytest.raises(LogError, match=rf"{name} is {words}.*Export positions and depths as one table \(CSV\)"):
         gather([tmp_path / name], UserFacts())
-    with pytest.raises(LogError, match=rf"{name}: left out: .*{words}"):  # the only file of a folder
+    with pytest.raises(LogError, match=rf"left out: .*{name}.*{words}"):  # the only file of a folder
         gather([tmp_path], UserFacts())
 
 

@@ -510,6 +510,9 @@ def test_a_second_column_of_depths_is_named(tmp_path):
     [
         "2026-06-14T10:00:0{}.1Z,3,128267,35,255,8,ff,5c,02,{}0,00,00,00,ff",
         "<0x0df50b23> [8] ff 5c 02 {}{} 00 00 00 ff",
+        "(17456009{}1.338397) can0 11FB1063#0B{}E61FFFFFFFFFF",
+        "$PDGY,{}00000,4,,5,48{},1,0",
+        "{}8,48702{},127245,Rudder,Garmin,1,255,2,1,8,0x00F8FF7F5FB8FFFF",
     ],
 )
 def test_frames_of_nmea_2000_are_no_table(tmp_path, line):

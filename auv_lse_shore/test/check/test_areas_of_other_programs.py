@@ -14,7 +14,7 @@ import pytest
 from auv_lse_common.mission_file.degrees import in_metres
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
-from auv_lse_shore.areas.area_file import read_area
+from auv_lse_shore.areas.area_file import notes_on, read_area
 
 LAKE = [[8.500, 47.300], [8.508, 47.300], [8.508, 47.305], [8.500, 47.305], [8.500, 47.300]]
 PIER = [[8.503, 47.302], [8.504, 47.302], [8.504, 47.303], [8.503, 47.302]]
@@ -331,6 +331,26 @@ def test_an_area_on_both_sides_of_the_antimeridian(tmp_path):
     area = in_metres(given, tmp_path, "mission.yaml", read_area)["/**"]["area"]
     assert area["origin_lon_deg"] == pytest.approx(-180.0)
     assert np.abs(area["polygon_m"]).max() < 120.0
+
+
+def test_a_lake_with_its_islands_as_features_says_how_to_mark_them(tmp_path):
+    def square(low, high, role=""):
+        ring = [(low, 47.0 + low), (high, 47.0 + low), (high, 47.0 + high), (low, 47.0 + high), (low, 47.0 + low)]
+        geometry = {"type": "Polygon", "coordinates": [ring]}
+        return {"type": "Feature", "properties": {"role": role} if role else {}, "geometry": geometry}
+
+    def file(*features):
+        return json.dumps({"type": "FeatureCollection", "features": features})
+
+    islands = [(0.001 * k, 0.001 * k + 0.0005) for k in range(1, 13)]
+    with pytest.raises(ParameterError, match=r"13 polygons .* others are islands, give those the property .* no-go$"):
+        read(tmp_path, file(square(0.0, 0.02), *(square(*island) for island in islands)), "a.geojson")
+    with pytest.raises(ParameterError, match=r"2 polygons may be the operating area: .* or remove it$"):
+        read(tmp_path, file(square(0.0, 0.001), square(0.002, 0.003)), "a.geojson")
+    marked = read(tmp_path, file(square(0.0, 0.02), *(square(*i, "no-go") for i in islands)), "a.geojson")
+    assert len(marked.no_go) == 12
+    (note,) = notes_on(tmp_path / "a.geojson", marked, 1)
+    assert ", 12 no-go areas, feature_2 to feature_13" in note
 
 
 def test_an_area_that_is_cut_at_the_antimeridian_is_one(tmp_path):

@@ -5,13 +5,13 @@ import shapely
 from contourpy import contour_generator
 from scipy import ndimage
 
-from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea, free_m2
+from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea, free_m2, unreachable_m2
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.arrays import Mask
 from auv_lse_common.support.plurals import area_size
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_sim.ground.reachable import UnreachedPart, unreached_parts
+from auv_lse_sim.ground.reachable import UnreachedPart, strait_to, unreached_parts
 
 #: Largest number of parts that are described one by one.
 MAX_DESCRIBED = 3
@@ -56,10 +56,10 @@ def clip_to_reachable(settings: Settings) -> tuple[Settings, list[str]]:
 
 
 def _note(space: FreeSpace, parts: list[UnreachedPart], fitted: Settings) -> str:
-    left_out_m2 = OperatingArea(fitted.area).unreachable_m2
+    left_out_m2 = unreachable_m2(fitted.area)
     share = left_out_m2 / (left_out_m2 + free_m2(fitted.area))
     needed_m = 2.0 * (space.margin_m + float(space.motion.loops_m[:, 2].min()))
-    reasons = [_reason(part) for part in parts[:MAX_DESCRIBED]]
+    reasons = [_reason(space, part) for part in parts[:MAX_DESCRIBED]]
     if len(parts) > 1:
         reasons = [f"{area_size(part.area_m2)}: {text}" for part, text in zip(parts, reasons, strict=False)]
     more = len(parts) - MAX_DESCRIBED
@@ -79,11 +79,11 @@ def _widest(space: FreeSpace, part: UnreachedPart) -> str:
     return f"north {space.north0_m + space.cell_m * row:.0f}, east {space.east0_m + space.cell_m * column:.0f} m"
 
 
-def _reason(part: UnreachedPart) -> str:
-    north, east = part.strait_m
+def _reason(space: FreeSpace, part: UnreachedPart) -> str:
+    (north, east), width_m = strait_to(space, part)
     location = f"north {north:.0f}, east {east:.0f} m"
-    if part.strait_width_m > 0.0:
-        return f"The strait at {location} is {part.strait_width_m:.0f} m wide"
+    if width_m > 0.0:
+        return f"The strait at {location} is {width_m:.0f} m wide"
     return f"Land or a no-go area at {location} separates it"
 
 
@@ -112,10 +112,12 @@ def _rings(space: FreeSpace, part: UnreachedPart) -> list[shapely.LinearRing]:
 
 def _holds(space: FreeSpace, ring: shapely.Polygon, water: Mask) -> bool:
     """Whether any water lies in a ring."""
-    rows, columns = np.nonzero(water)
-    return bool(
-        shapely.contains_xy(ring, space.east0_m + space.cell_m * columns, space.north0_m + space.cell_m * rows).any()
-    )
+    bounds_m = np.array(ring.bounds).reshape(2, 2)[:, ::-1]  # rows: lowest and highest north, east
+    nodes = (bounds_m - (space.north0_m, space.east0_m)) / space.cell_m
+    (row, column), (last_row, last_column) = np.floor(nodes).astype(int).clip(min=0)
+    rows, columns = np.nonzero(water[row : last_row + 2, column : last_column + 2])
+    east, north = space.east0_m + space.cell_m * (columns + column), space.north0_m + space.cell_m * (rows + row)
+    return bool(shapely.contains_xy(ring, east, north).any())
 
 
 def _without_holes(shape: shapely.Polygon) -> list[shapely.Polygon]:

@@ -33,6 +33,8 @@ LOOPS_ALIKE = 1.1
 FIRST_CHECK, CHECK_GROWTH = 8, 1.5
 #: States that are expanded at once.
 BLOCK = 20_000
+#: The neighbors of a node.
+_SQUARE = np.ones((3, 3), dtype=bool)
 #: Maximum number of escapes of a vehicle from its start: one that needs more is circling.
 MAX_ESCAPES = 100
 
@@ -44,14 +46,12 @@ class UnreachedPart:
     Attributes:
         nodes: Its nodes of the free space's raster, shape (N, E).
         area_m2: Its size.
-        strait_m: North and east of the narrowest location on the widest way to it, shape (2,).
-        strait_width_m: Width of the water there; 0 if land separates the part.
+        reached: The nodes that vehicles can reach, (N, E).
     """
 
     nodes: Mask
     area_m2: float
-    strait_m: Array
-    strait_width_m: float
+    reached: Mask
 
 
 def unreached_parts(space: FreeSpace, starts: Array) -> list[UnreachedPart]:
@@ -70,7 +70,8 @@ def unreached_parts(space: FreeSpace, starts: Array) -> list[UnreachedPart]:
     if not reached.any():
         return []
     labels, parts = _missing(space, inside & ~_widened(reached, inside, _count_nodes(space, _beyond_m(space))))
-    return [_part(space, labels == number, reached) for number in parts]
+    sizes_m2 = np.bincount(labels.ravel()) * space.cell_m**2
+    return [UnreachedPart(labels == number, float(sizes_m2[number]), reached) for number in parts]
 
 
 def _reach_m(space: FreeSpace) -> float:
@@ -88,13 +89,22 @@ def _count_nodes(space: FreeSpace, distance_m: float) -> int:
 
 def _widened(mask: Mask, inside: Mask, nodes: int) -> Mask:
     """The mask and what lies within that many nodes of it, along ways inside."""
-    cross, square = ndimage.generate_binary_structure(2, 1), np.ones((3, 3), dtype=bool)
+    shape = (mask.shape[0] + 2, mask.shape[1] + 2)
+    wider, free = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    wider[1:-1, 1:-1], free[1:-1, 1:-1] = mask, inside
+    wide, row = wider.ravel(), shape[1]
+    free_there = (free & ~wider).ravel()
+    cross = np.array([-row, -1, 1, row])
+    square = np.append(cross, [-row - 1, -row + 1, row - 1, row + 1])
+    before, last = np.zeros(0, dtype=np.int64), np.flatnonzero(wider & ndimage.binary_dilation(free & ~wider, _SQUARE))
     for i in range(nodes):  # alternating: an octagon, close to a circle
-        wider = ndimage.binary_dilation(mask, cross if i % 2 else square, mask=inside)
-        if i % 2 == 0 and np.array_equal(wider, mask):
+        rim = np.concatenate([before, last])  # a cross leaves out diagonal neighbors
+        near = np.unique((rim[:, None] + (cross if i % 2 else square)).ravel())
+        before, last = last, near[free_there[near]]
+        if not len(before) and not len(last):
             break  # everything that can be reached
-        mask = wider
-    return mask
+        wide[last], free_there[last] = True, False
+    return wider[1:-1, 1:-1].copy()
 
 
 def _missing(space: FreeSpace, rest: Mask) -> tuple[NDArray[np.int32], list[int]]:
@@ -244,7 +254,7 @@ def _flooded(space: FreeSpace, inside: Mask, starts: Array) -> Mask:
         waters = waters_of(arguments, open_water, states)
         if waters.any():
             entered[waters[waters > 0]] = True
-            opened = np.isin(open_water, waters[waters > 0])
+            opened = np.isin(np.arange(count + 1), waters[waters > 0])[open_water]
             reached |= _widened(opened, inside, _count_nodes(space, reach_m))
             check_after = layers
         if layers >= check_after:
@@ -280,7 +290,7 @@ def _headings(space: FreeSpace, headings: Array) -> Array:
 
 def _at_rim(space: FreeSpace, opened: Mask, narrow: Mask, headings: Array) -> Array:
     """States (S, 3) with these headings on the turning loops along the border of open water."""
-    nodes = np.argwhere(opened & ndimage.binary_dilation(narrow, np.ones((3, 3))))[:: _nodes_per_bin(space)]
+    nodes = np.argwhere(opened & ndimage.binary_dilation(narrow, _SQUARE))[:: _nodes_per_bin(space)]
     centers = np.repeat(np.array([space.north0_m, space.east0_m]) + space.cell_m * nodes, len(headings), axis=0)
     heading = np.tile(headings, len(nodes))
     cos_h, sin_h = np.cos(heading), np.sin(heading)
@@ -295,10 +305,15 @@ def _at_rim(space: FreeSpace, opened: Mask, narrow: Mask, headings: Array) -> Ar
     ])  # fmt: skip
 
 
-def _part(space: FreeSpace, nodes: Mask, reached: Mask) -> UnreachedPart:
-    """Describes a part: finds the narrowest location on the widest way from the reached ground to it."""
+def strait_to(space: FreeSpace, part: UnreachedPart) -> tuple[Array, float]:
+    """The narrowest location on the widest way from the reached ground to a part.
+
+    Returns:
+        North and east (m), shape (2,), and the width (m) of the water there; 0 if land separates the part.
+    """
     raster = space.area_raster
-    ends = [np.unravel_index(np.argmax(np.where(mask, raster, -np.inf)), raster.shape) for mask in (reached, nodes)]
+    masks = (part.reached, part.nodes)
+    ends = [np.unravel_index(np.argmax(np.where(mask, raster, -np.inf)), raster.shape) for mask in masks]
     levels = np.unique(raster)
     # The largest clearance with a way between the two ends is levels[low].
     low, high = 0, int(np.searchsorted(levels, min(raster[end] for end in ends)))
@@ -319,6 +334,5 @@ def _part(space: FreeSpace, nodes: Mask, reached: Mask) -> UnreachedPart:
         touching.append(narrow & np.isin(stretches, stretches[ndimage.binary_dilation(own)]))
     joining = next(m for m in (touching[0] & touching[1], touching[1], narrow) if m.any())
     row, column = np.argwhere(joining)[0]
-    strait_m = np.array([space.north0_m + row * space.cell_m, space.east0_m + column * space.cell_m])
-    width_m = max(0.0, 2.0 * (float(levels[low]) + space.margin_m))
-    return UnreachedPart(nodes, float(nodes.sum()) * space.cell_m**2, strait_m, width_m)
+    location_m = np.array([space.north0_m + row * space.cell_m, space.east0_m + column * space.cell_m])
+    return location_m, max(0.0, 2.0 * (float(levels[low]) + space.margin_m))

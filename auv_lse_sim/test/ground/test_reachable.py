@@ -9,7 +9,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_sim.ground.reachable import unreached_parts
+from auv_lse_sim.ground.reachable import strait_to, unreached_parts
 
 
 def two_basins(width_m, length_m):
@@ -23,12 +23,17 @@ def parts_of(polygon, starts=((0.0, 60.0, 60.0),), **options):
     return unreached_parts(world(polygon, **options)[2], np.array(starts))
 
 
+def strait_of(polygon, part):
+    return strait_to(world(polygon)[2], part)
+
+
 @pytest.mark.parametrize(("width_m", "length_m"), [(27.0, 20.0), (46.0, 40.0)])
 def test_a_gate_narrower_than_a_turn_cuts_off_what_is_behind(width_m, length_m):
     (part,) = parts_of(two_basins(width_m, length_m))
     assert part.area_m2 == pytest.approx(150.0 * 150.0, rel=0.08)
-    assert part.strait_m == pytest.approx([150.0 + length_m / 2.0, 75.0], abs=length_m / 2.0 + 4.0)
-    assert part.strait_width_m == pytest.approx(width_m, abs=4.0)
+    location_m, strait_width_m = strait_of(two_basins(width_m, length_m), part)
+    assert location_m == pytest.approx([150.0 + length_m / 2.0, 75.0], abs=length_m / 2.0 + 4.0)
+    assert strait_width_m == pytest.approx(width_m, abs=4.0)
 
 
 def test_one_leg_bridges_a_short_strait():
@@ -41,7 +46,7 @@ def test_an_arm_without_room_to_turn_is_reached_as_far_as_its_mouth():
     arm = (0.0, 0.0, 150.0, 0.0, 150.0, 55.0, 300.0, 55.0, 300.0, 95.0, 150.0, 95.0, 150.0, 150.0, 0.0, 150.0)
     (part,) = parts_of(arm)
     assert part.area_m2 == pytest.approx(130.0 * 40.0, rel=0.12)
-    assert part.strait_width_m < 50.0  # a turn needs 2 x (10 m of margin + 15 m of radius)
+    assert strait_of(arm, part)[1] < 50.0  # a turn needs 2 x (10 m of margin + 15 m of radius)
 
 
 def test_each_basin_counts_that_has_a_start():

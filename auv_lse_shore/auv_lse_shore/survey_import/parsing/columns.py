@@ -44,6 +44,8 @@ _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)((?:[#%!*]+|//)?)[ \t]*([\"']?[^\W\d
 _DECIMALS = re.compile(r"\d[.,]\d{3,}")
 #: A byte of an NMEA 2000 message, and the usual number of bytes.
 _BYTE, _FRAME = re.compile("[0-9A-Fa-f]{2}"), 8
+#: Frames whose bytes are in one cell, as candump, an iKonvert and Garmin's plotters write them.
+_IN_ONE_CELL = re.compile("[0-9A-Fa-f]{8}#(?:[0-9A-Fa-f]{2})*|[!$]PDGY|0x(?:[0-9A-Fa-f]{2}){8,}")
 #: Columns of the tables of Deeper sounders, which have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
@@ -189,7 +191,9 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
     guess = proposal(dialect, rows_across(text, dialect))
     if not dialect.header and not names and guess == _DEEPER:
         return named_columns(guess)
-    if is_complete(named_columns(guess)):
+    if _are_frames(dialect.sample or [dialect.header]):  # a dump of a CAN bus has no cells of numbers
+        cure = "These are frames of NMEA 2000: convert them to NMEA 0183, as n2kd of canboat does"
+    elif is_complete(named_columns(guess)):
         others = f"{_or_swapped(dialect, guess, text)}{_or_elevations(dialect, guess, text)}{_or_other(dialect, guess)}"
         cure = f"By their values they look like: --columns {','.join(guess)}{others}"
     elif any({*pair} <= {*guess} for pair in _PAIRS):
@@ -197,8 +201,6 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
             f"By their values they look like: --columns {','.join(guess)}; write depth, or elevation with --surface M, "
             "for the column that holds it"
         )
-    elif _are_frames(dialect.sample):
-        cure = "These are frames of NMEA 2000: convert them to NMEA 0183, as n2kd of canboat does"
     elif _has_positions(dialect.sample):
         cure = "Latitude and longitude are in one cell: write them into columns lat and lon"
     else:
@@ -211,9 +213,10 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
 
 
 def _are_frames(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether most rows end with the bytes of a message, two digits each."""
+    """Whether most rows hold the bytes of a message, as their last cells or in one."""
     of_bytes = [len(row) > _FRAME and all(map(_BYTE.fullmatch, row[-_FRAME:])) for row in rows]
-    return 2 * sum(of_bytes) > len(rows)
+    in_one = [any(map(_IN_ONE_CELL.fullmatch, row)) for row in rows]
+    return 2 * max(sum(of_bytes), sum(in_one)) > len(rows)
 
 
 def _check_names(path: Path, dialect: Dialect, columns: dict[str, Column], text: str) -> None:
