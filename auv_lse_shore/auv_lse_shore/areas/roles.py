@@ -60,7 +60,9 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
     if len(areas) > 1 or (not areas and len(lines) > 1):
         names = listed_names([f.name or "without a name" for f in areas or lines])
         what = f"{len(areas or lines)} {'polygons' if areas else 'lines'}"
-        raise ParameterError(f"{where}: {what} may be the operating area: {names}. {NAMING}{_if_islands(areas or lines)}")
+        raise ParameterError(
+            f"{where}: {what} may be the operating area: {names}. {NAMING}{_if_islands(areas or lines)}"
+        )
     if areas:
         content.ignored += [f.name or _kind(f) for f in lines if len(lines) > 1 or f.line is not areas[0].line]
         content.area, content.area_name = _checked(areas[0].rings[0], areas[0], where), areas[0].name

@@ -28,6 +28,8 @@ _UNREACHABLE: dict[str, Any] = {"facecolor": "#e3e3e3", "edgecolor": "#7d7d7d", 
 _NOTE_WIDTH = 120
 #: Points of the line of a leg with an arc.
 _POINTS_PER_LEG = 8
+#: With more no-go areas than this, as of a lake's islands, their names would cover the map.
+_MAX_NAMES = 8
 _CASING = [withStroke(linewidth=2.5, foreground="white")]
 
 
@@ -88,13 +90,13 @@ def _recoveries(settings: Settings) -> dict[tuple[float, float], list[int]]:
 
 def _draw_area(axis: Any, area: OperatingArea) -> None:
     axis.add_patch(Polygon(area.polygon[:, ::-1], facecolor=_WATER, edgecolor=_BORDER, lw=1.4, zorder=1))
+    are_named = sum(not name.startswith(UNREACHABLE) for name in area.no_go) <= _MAX_NAMES
     for name, ring in area.no_go.items():
         look = _UNREACHABLE if name.startswith(UNREACHABLE) else _KEPT_OUT
         axis.add_patch(Polygon(ring[:, ::-1], zorder=2, **look))
-        if look is _UNREACHABLE:
-            continue
-        north, east = ring.mean(axis=0)
-        axis.text(east, north, name, color=_NO_GO, ha="center", va="center", fontsize=8, zorder=6, path_effects=_CASING)
+        if are_named and look is _KEPT_OUT:
+            at = ring.mean(axis=0)[::-1]
+            axis.text(*at, name, color=_NO_GO, ha="center", va="center", fontsize=8, zorder=6, path_effects=_CASING)
     for line in area.config.shore.values():
         corners = np.reshape(line, (-1, 2))
         axis.plot(corners[:, 1], corners[:, 0], color=_SHORE, lw=1.8, zorder=2.5)

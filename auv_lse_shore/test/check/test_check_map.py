@@ -167,6 +167,15 @@ def test_ground_that_cannot_be_reached_is_reported_and_drawn_apart_from_no_go_ar
     assert [patch.get_xy()[:, 1].min() for patch in drawn] == pytest.approx([170.0], abs=5.0)
 
 
+@pytest.mark.parametrize(("islands", "named"), [(2, 2), (12, 0)])
+def test_the_names_of_many_no_go_areas_do_not_cover_the_map(tmp_path: Path, islands: int, named: int) -> None:
+    no_go = {f"rock_{k}": [40.0 * k, 300.0, 40.0 * k, 310.0, 40.0 * k + 10.0, 300.0] for k in range(1, islands + 1)}
+    path = tmp_path / "rocks.yaml"
+    path.write_text(f"/**:\n  ros__parameters:\n    area: {{no_go: {no_go}}}\n")
+    figure = mission_figure(Settings.load(path), "rocks")
+    assert sum("rock" in text.get_text() for text in figure.axes[0].texts) == named
+
+
 @pytest.mark.parametrize("along_north", [True, False])
 def test_the_map_of_a_river_is_stretched_across(along_north: bool) -> None:
     high = (3000.0, 80.0) if along_north else (80.0, 3000.0)
