@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from functools import cached_property
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -156,19 +157,12 @@ class OperatingArea:
             first, last = math.floor(low / resolution_m), math.ceil(high / resolution_m)
             axes.append((np.arange(first, max(last, first + 1), dtype=np.float64) + 0.5) * resolution_m)
         north, east = axes
-        inside = self._free(north, east)
+        inside = _free([self.polygon, *self.no_go.values()], north, east)
         if not np.any(inside):
             raise ParameterError(
                 f"{name}: no center of a {resolution_m!r} m cell lies in the area. Choose smaller cells"
             )
         return Grid(north, east, inside, resolution_m)
-
-    def _free(self, north: Array, east: Array) -> Mask:
-        """Whether the nodes (R, C) of these axes are inside the polygon and outside all no-go areas."""
-        inside = _raster_in_polygon(self.polygon, north, east)
-        for polygon in self.no_go.values():
-            inside &= ~_raster_in_polygon(polygon, north, east)
-        return inside
 
     def _raster(self) -> None:
         step = self.config.raster_m
@@ -182,15 +176,35 @@ class OperatingArea:
                 f"{high_n - low_n:.0f} m x {high_e - low_e:.0f} m, more than {MAX_RASTER_NODES:,}. Choose a larger "
                 f"raster_m, at least {least_m:g} m, or a smaller area"
             )
-        north, east = _raster_axes(self.polygon, step)
-        polygons = (self.polygon, *self.no_go.values())
-        distance = np.sqrt(_border_distance_2(polygons, north, east))
-        self._nodes = np.where(self._free(north, east), distance, -distance)
+        self._nodes = _to_border_m(tuple(p.tobytes() for p in (self.polygon, *self.no_go.values())), step)
         if not np.any(self._nodes > 0.0):
             raise ParameterError(
                 "area.no_go covers the whole polygon. If some of the area is free, decrease area.raster_m (now "
                 f"{step!r})"
             )
+
+
+def _free(polygons: Sequence[Array], north: Array, east: Array) -> Mask:
+    """Whether the nodes (R, C) of these axes are inside the first polygon and outside all others."""
+    inside = _raster_in_polygon(polygons[0], north, east)
+    for polygon in polygons[1:]:
+        inside &= ~_raster_in_polygon(polygon, north, east)
+    return inside
+
+
+@lru_cache(maxsize=2)  # a large area takes seconds, and a mission, its check and its report need it several times
+def _to_border_m(polygons: tuple[bytes, ...], step_m: float) -> Array:
+    """Distance (R, C) of the raster's nodes to the nearest border; negative outside and in no-go areas.
+
+    Args:
+        polygons: The bytes of the corners of the polygon and of each no-go area.
+    """
+    corners_m = [np.frombuffer(polygon).reshape(-1, 2) for polygon in polygons]
+    north, east = _raster_axes(corners_m[0], step_m)
+    distance = np.sqrt(_border_distance_2(corners_m, north, east))
+    nodes = np.where(_free(corners_m, north, east), distance, -distance)
+    nodes.flags.writeable = False
+    return nodes
 
 
 def _raster_axes(polygon: Array, step_m: float) -> tuple[Array, Array]:
@@ -265,7 +279,7 @@ def _edge_distance_2(n: Array, e: Array, dn: float, de: float) -> Array:
     return squared
 
 
-def _border_distance_2(polygons: tuple[Array, ...], north: Array, east: Array) -> Array:
+def _border_distance_2(polygons: Sequence[Array], north: Array, east: Array) -> Array:
     """Squared distance (R, C) of a raster's nodes to the nearest border; four to ten times as fast as shapely.
 
     Nodes are grouped in blocks. If an edge is farther from a block's middle than the nearest edge by more than the
