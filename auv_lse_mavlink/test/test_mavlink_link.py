@@ -624,6 +624,13 @@ def test_a_warning_in_pieces_is_reported_whole_and_once():
     assert [p.text for p in pilot.of(events.Problem)][1:] == [f"autopilot: {'x' * 50}", "autopilot: EKF failsafe"]
 
 
+def test_a_warning_without_an_end_is_cut_off():
+    pilot = Autopilot().up()
+    for number in range(40):
+        pilot.say(mavlink.MAVLink_statustext_message(4, b"x" * 50, 3, number % 256))
+    assert {len(p.text) for p in pilot.of(events.Problem)} == {len("autopilot: ") + 500}
+
+
 def test_a_leak_in_a_lost_text_counts_at_once():
     pilot = Autopilot().up()
     pilot.say(mavlink.MAVLink_statustext_message(2, b"Leak detected" + b"." * 37, 3, 0))

@@ -15,8 +15,8 @@ HJ_PER_WH = 36.0
 ROUTINE_TEXTS = ("Auto mission changed, restarted command",)
 #: Time (s) after which a repeated warning is reported again, and number of warnings that are remembered.
 TEXT_AGAIN_S, MOST_TEXTS = 60.0, 64
-#: Length of a STATUSTEXT that continues in the next one with its id, unless that is 0.
-TEXT_PIECE = 50
+#: Length of a STATUSTEXT that continues in the next one with its id, unless that is 0; and of the longest whole text.
+TEXT_PIECE, LONGEST_TEXT = 50, 500
 #: ArduPilot's answer to an origin while it has one, or waits for GPS.
 ORIGIN_REFUSED = "refusing set origin"
 
@@ -87,7 +87,7 @@ class AutopilotStatus:
         if self._pieces and message.id != self._piece_id:  # its end was lost
             whole, self._pieces = [self._pieces], ""
         self._piece_id, self._pieces = message.id, self._pieces + str(message.text)
-        if not message.id or len(message.text) < TEXT_PIECE:
+        if not message.id or len(message.text) < TEXT_PIECE or len(self._pieces) >= LONGEST_TEXT:
             whole, self._pieces = [*whole, self._pieces], ""
         return [text for text in whole if self._is_news(now_s, text)]
 
