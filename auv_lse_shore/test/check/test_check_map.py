@@ -224,7 +224,9 @@ def test_legs_are_drawn_as_they_are_travelled(straight: bool) -> None:
     travelled = shapely.LineString(np.concatenate(ways))
     drawn = max((line.get_xydata()[:, ::-1] for line in axis.lines), key=len)
     # 8 chords of an arc of a quarter turn stray from it by 0.5 % of the radius, 15 m
-    assert shapely.hausdorff_distance(shapely.LineString(drawn), travelled, densify=0.1) < (1e-6 if straight else 0.08)
+    with np.errstate(invalid="ignore"):  # shapely of Ubuntu 24.04
+        apart_m = shapely.hausdorff_distance(shapely.LineString(drawn), travelled, densify=0.1)
+    assert apart_m < (1e-6 if straight else 0.08)
 
 
 @pytest.mark.parametrize(("south", "west"), [(True, True), (True, False), (False, True), (False, False)])
