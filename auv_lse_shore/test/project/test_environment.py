@@ -154,6 +154,43 @@ def test_a_machine_that_the_wheels_are_not_for_is_named(tmp_path: Path) -> None:
     assert not (project / ".venv").exists()
 
 
+@pytest.mark.parametrize("file", [".setup.lock", "build/setup.log"])
+def test_a_checkout_of_another_user_is_refused_before_anything_is_removed(tmp_path: Path, file: str) -> None:
+    """A folder in place of the file: root, too, cannot write it."""
+    for folder in ("scripts", ".venv", file):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, tmp_path / "scripts")
+    command = [tmp_path / "scripts" / "setup"]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert process.returncode == 1
+    first, cure = process.stderr.splitlines()
+    assert first == f"setup: error: cannot write {tmp_path / file}"
+    assert "chown" in cure
+    assert (tmp_path / ".venv").is_dir()
+
+
+def test_too_old_a_python_is_refused_with_a_package_that_helps(tmp_path: Path) -> None:
+    """Ubuntu 22.04's python3 is 3.10: installing python3 there would change nothing."""
+    (tmp_path / "scripts").mkdir()
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, tmp_path / "scripts")
+    python = tmp_path / "python3"
+    python.write_text("#!/bin/sh\necho 3.10\n")
+    python.chmod(0o755)
+    process = subprocess.run(
+        [tmp_path / "scripts" / "setup"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHON": str(python)},
+        timeout=30,
+        check=False,
+    )
+    assert process.returncode == 1
+    assert f"found: {python}=3.10" in process.stderr
+    assert "sudo apt install python3.11 python3.11-venv python3.11-dev" in process.stderr
+
+
 def test_another_sourced_ros_is_accepted_and_reported_as_untested(tmp_path: Path) -> None:
     """The fake Python 3.14 of Lyrical has no headers, so setup stops there, after all checks of the ROS version."""
     project = tmp_path / "p"
