@@ -155,7 +155,7 @@ class MissionProgress:
             done = self.steps[vehicle - 1] if len(self.steps) >= vehicle else 0
             table.add_row(
                 f"auv{vehicle}",
-                ProgressBar(total=self.steps_total, completed=done, width=30),
+                ProgressBar(total=self.steps_total, completed=done, width=30, finished_style="green"),
                 f"{done}/{self.steps_total}",
                 *(_gained(values.get(vehicle)) for _, values in self._columns()),
                 *([self._legs_left(vehicle)] if self.battery_legs else []),

@@ -111,6 +111,16 @@ def test_a_start_is_reported_as_such(terminal: bool) -> None:
     assert "real time" not in text
 
 
+def test_a_complete_bar_differs_from_an_empty_one_in_a_terminal_of_few_colors() -> None:
+    """rich's own style of complete bars becomes the grey of the empty ones."""
+    console = Console(force_terminal=True, color_system="standard", width=120, file=io.StringIO())
+    with console.capture() as empty:
+        console.print(MissionProgress(phase="running", vehicles=1, steps_total=9, steps=[0]).table())
+    with console.capture() as complete:
+        console.print(MissionProgress(phase="running", vehicles=1, steps_total=9, steps=[9]).table())
+    assert complete.get() != empty.get().replace("0/9", "9/9")
+
+
 def test_clock() -> None:
     assert [clock(s) for s in (0.0, 61.9, 3661.0)] == ["0:00", "1:01", "1:01:01"]
 
