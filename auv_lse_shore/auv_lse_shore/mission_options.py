@@ -120,7 +120,7 @@ def add_set_option(p: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="set a parameter, such as planner.iterations=500 or auv2.vehicle.depth_m=4; repeatable",
+        help="set a parameter, such as level_set.level_m=12 (the isobath) or auv2.vehicle.depth_m=4; repeatable",
     )
 
 

@@ -21,7 +21,11 @@ def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Na
         each._print_message = _print_message  # type: ignore[method-assign]
     options, unknown = parser.parse_known_args(words)
     if unknown:  # argparse would print the usage of the outermost parser
-        _called(parser, words).error(f"unrecognized arguments: {' '.join(unknown)}")
+        import difflib
+
+        called = _called(parser, words)
+        near = difflib.get_close_matches(unknown[0].split("=")[0], called._option_string_actions, n=1, cutoff=0.8)
+        called.error(f"unrecognized arguments: {' '.join(unknown)}{f'. Did you mean {near[0]}?' if near else ''}")
     return options
 
 

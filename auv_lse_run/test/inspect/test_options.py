@@ -44,7 +44,12 @@ def test_the_help_of_a_verb_is_about_that_verb(
         (
             ["topics", "hz", "/clock", "--duration", "1", "--nosuch"],
             "topics hz",
-            "unrecognized arguments: --nosuch",
+            "unrecognized arguments: --nosuch\n",
+        ),
+        (
+            ["topics", "hz", "/clock", "--durration=1"],
+            "topics hz",
+            "unrecognized arguments: --durration=1. Did you mean --duration?",
         ),
         (
             ["topics", "hz", "/clock", "--window", "x"],
