@@ -33,5 +33,5 @@ def test_a_file_is_no_run_folder(tmp_path: Path) -> None:
 
 def test_a_folder_of_runs_that_leads_nowhere_is_refused(tmp_path: Path) -> None:
     (tmp_path / "runs").symlink_to(tmp_path / "disk that is not mounted")
-    with pytest.raises(RunFolderError, match="runs: cannot be made: File exists"):
+    with pytest.raises(RunFolderError, match=r"runs cannot be created: File exists. Choose another with --out"):
         run_folder(None, tmp_path)
