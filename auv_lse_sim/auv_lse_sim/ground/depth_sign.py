@@ -28,7 +28,7 @@ SIGN_FLAGS = (
     "--depths, or --elevations --water-level M with the elevation of the water surface in the file's datum "
     "(sim.bathymetry.depth_sign, water_level_m)"
 )
-SIGN_ADVICE = "set sim.bathymetry.depth_sign: up for elevations, down for depths with land above them"
+SIGN_ADVICE = "choose --elevations, or --depths for depths with land above them (sim.bathymetry.depth_sign: up or down)"
 
 
 def depths_of(values: Array, path: Path, what: str, up: bool | None, config: BathymetryConfig) -> tuple[Array, str]:

@@ -18,7 +18,7 @@ def test_elevations_are_negated(tmp_path):
     path = write_csv(tmp_path / "t.csv", ["north_m", "east_m", "depth_m"], north, east, -depth)
     with pytest.raises(
         GroundError,
-        match=r"t\.csv:2: depth -.* m is negative, as 3000 of 3000 soundings are, but depth_m is positive down",
+        match=r"t\.csv:2: depth -.* m is negative, as 3000 of 3000 soundings are, but depth_m is positive down: .*--elevations",
     ):
         load_ground(path)
     check_bottom(load_ground(path, BathymetryConfig(depth_sign="up")))
@@ -83,7 +83,7 @@ def test_named_elevations_above_sea_level_need_the_water_level(tmp_path, ending)
     ):
         load_ground(depths, config)
     shallow = write_grid(tmp_path / f"n.{ending}", *topobathy(0.1), "depth_m")
-    with pytest.raises(GroundError, match=r"positive down: set sim\.bathymetry\.depth_sign: up for elevations"):
+    with pytest.raises(GroundError, match=r"positive down: choose --elevations, or --depths"):
         load_ground(shallow)
     load_ground(shallow, BathymetryConfig(depth_sign="down"))
 
