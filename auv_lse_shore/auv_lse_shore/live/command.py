@@ -5,7 +5,6 @@ import asyncio
 import os
 import sys
 import threading
-import time
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,6 @@ from pathlib import Path
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.ending_signals import accepted_signals
-from auv_lse_common.support.plurals import counted
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_run.process.domain import DomainError, busy_domains, check_own, confine_to, domain_number
 from auv_lse_run.process.interrupt import note_signal
@@ -143,15 +141,12 @@ def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> i
     Raises:
         LiveError: if the file cannot be written.
     """
-    began_s = time.process_time()
     follower.read()
     _, _, events = timeline.since("", 0, sys.maxsize)
-    took_s = time.process_time() - began_s
     try:
         write_whole(path, live_page(events))
     except OSError as error:
         raise LiveError(f"--write {path}: cannot be written: {error.strerror or error}. Choose another file") from error
-    print(f"{counted(len(events), 'event')} in {took_s:.1f} s of processor time")
     print(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB; needs no server)")
     return 0
 
