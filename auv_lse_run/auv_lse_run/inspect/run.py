@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run_send(options: argparse.Namespace, graph: Any) -> int:
-    """`run go` and the other commands: sends to each vehicle as soon as it is found, then reports who has answered."""
+    """`auv_lse go` and the other commands: sends to each vehicle as soon as it is found, then reports who has answered."""
     from auv_lse_run.inspect.graph_node import GraphError
     from auv_lse_run.inspect.mission_calls_node import CommandCalls, vehicles, without_safety_node
 
@@ -120,7 +120,7 @@ def _wait_for_restart(calls: Any, graph: Any, names: list[str] | None) -> None:
 
 
 def run_state(options: argparse.Namespace, graph: Any) -> int:
-    """`run state`."""
+    """`auv_lse state`."""
     from auv_lse_run.inspect.graph_node import GraphError
     from auv_lse_run.inspect.mission_calls_node import states, vehicles, without_safety_node
 
