@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -127,6 +128,35 @@ def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Pa
     assert words() == ""
     module = "auv_lse_run.vehicle.warm_up" if of_vehicle else "auv_lse_shore.mission.warm_up"
     assert (tmp_path / "calls").read_text().splitlines() == [f"-m {module}"] * 2
+
+
+def test_ctrl_c_during_set_up_does_not_read_like_a_failure(tmp_path: Path) -> None:
+    for folder in ("scripts", ".venv/bin", "ros_ws/install"):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, tmp_path / "scripts")
+    for name in ("setup.bash", "local_setup.bash"):
+        (tmp_path / "ros_ws" / "install" / name).touch()
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.write_text(f"#!/bin/sh\ntouch {tmp_path}/there\nsleep 30\n")
+    python.chmod(0o755)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
+    made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
+    subprocess.run(["bash", "-c", made], cwd=tmp_path, env=plain, check=True, timeout=30)
+    with subprocess.Popen(
+        [tmp_path / "scripts" / "setup", "--quiet"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=plain,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        end_s = time.monotonic() + 20.0
+        while not (tmp_path / "there").exists() and time.monotonic() < end_s:
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors.count("\n")) == (130, 1), errors
 
 
 def test_a_machine_that_the_wheels_are_not_for_is_named(tmp_path: Path) -> None:
