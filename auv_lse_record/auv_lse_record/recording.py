@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.topics.table import Topic, find_topic
 from auv_lse_common.vocabulary.stamps import seconds
@@ -108,8 +109,8 @@ def recording_in(path: Path) -> Path:
         return path if len(parts) > 1 else parts[0]
     if inside := sorted(bag.parent for bag in path.glob("*/bag")):
         raise RecordingError(
-            f"{path} has the recordings of {len(inside)} run folders; name one, such as {inside[0]}. auv_lse adjust "
-            "and certify take several"
+            f"{path} has the recordings of {counted(len(inside), 'run folder')}; name one, such as {inside[0]}. "
+            "auv_lse adjust and certify take several"
         )
     raise RecordingError(
         f"{path} is not a recording: neither it nor its folder bag has a metadata.yaml (was the recorder "
