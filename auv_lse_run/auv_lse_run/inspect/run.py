@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run_send(options: argparse.Namespace, graph: Any) -> int:
-    """`auv_lse go` and the other commands: sends to each vehicle as soon as it is found, then reports who has answered."""
+    """`auv_lse go` and the other commands: sends to each vehicle once it is found, then reports who has answered."""
     from auv_lse_run.inspect.graph_node import GraphError
     from auv_lse_run.inspect.mission_calls_node import CommandCalls, vehicles, without_safety_node
 

@@ -26,7 +26,9 @@ def progress_display() -> Iterator[Callable[[CampaignState], None]]:
 
         yield line
         return
-    bars = Bars(BarColumn(finished_style="green"), TextColumn("{task.description}, {task.fields[left]}"), console=console)
+    bars = Bars(
+        BarColumn(finished_style="green"), TextColumn("{task.description}, {task.fields[left]}"), console=console
+    )
     with bars:
         task = bars.add_task("missions", total=None, left="starting")
 

@@ -28,7 +28,9 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
         (folder / "logs").mkdir(parents=True)
     except OSError as error:
         where = f"--out {wanted}" if wanted else str(root / "runs")
-        raise RunFolderError(f"{where} cannot be created: {error.strerror or error}. Choose another with --out") from error
+        raise RunFolderError(
+            f"{where} cannot be created: {error.strerror or error}. Choose another with --out"
+        ) from error
     note_software(folder)
     return folder.resolve()
 
