@@ -138,7 +138,7 @@ def test_ctrl_c_during_set_up_does_not_read_like_a_failure(tmp_path: Path) -> No
     for name in ("setup.bash", "local_setup.bash"):
         (tmp_path / "ros_ws" / "install" / name).touch()
     python = tmp_path / ".venv" / "bin" / "python"
-    python.write_text(f"#!/bin/sh\ntouch {tmp_path}/there\nsleep 30\n")
+    python.write_text(f"#!/bin/sh\ntouch {tmp_path}/there\nexec sleep 5\n")
     python.chmod(0o755)
     plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
     made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
