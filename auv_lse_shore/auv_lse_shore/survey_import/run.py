@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -102,11 +103,15 @@ def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
 
     A length scale of more than half the survey would describe a trend, with a mean far from all depths. At that limit
     a smooth slope needs hardly any variance, so the standard deviation is at least that of the depths about the mean.
+    If the mean, as of a bowl, is still none of the depths, theirs is taken.
     """
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(points), min(FITTED, len(points)), replace=False))
+    fit_with = partial(fit, points[chosen, :2], points[chosen, 2], max_extents=TREND_EXTENTS, restarts=STARTS)
     try:
-        fitted = fit(points[chosen, :2], points[chosen, 2], max_extents=TREND_EXTENTS, restarts=STARTS)
+        fitted = fit_with()
+        if not points[:, 2].min() <= fitted.config.mean_depth_m <= points[:, 2].max():
+            fitted = fit_with(mean_depth_m=float(points[:, 2].mean()))
     except ValueError as error:
         raise LogError(f"No Gaussian process fits the soundings: {brief(error)}") from error
     config, names = fitted.config, ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")

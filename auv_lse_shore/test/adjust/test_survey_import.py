@@ -113,9 +113,12 @@ def test_sound_speed_corrects_the_range_below_the_transducer_alone(tmp_path, alt
     assert recorded - reduced == pytest.approx((6.0 if altitude else recorded) * 50.0 / 1500.0, abs=2e-3)
 
 
-def test_the_prior_of_a_sloping_bottom_has_a_mean_within_the_depths(tmp_path):
+@pytest.mark.parametrize("is_bowl", [False, True])
+def test_the_prior_of_a_smooth_bottom_has_a_mean_within_the_depths(tmp_path, is_bowl):
+    """An endless length scale fits a plane best; that of a bowl is long, with a mean above its rim."""
     rows = survey()
-    rows[:, 3] = 12.0 + 900.0 * (rows[:, 1] - rows[:, 1].min())  # a plane, which an endless length scale fits best
+    at = (rows[:, 1:3] - rows[:, 1:3].min(axis=0)) / np.ptp(rows[:, 1:3], axis=0)  # 0 to 1
+    rows[:, 3] = 18.0 - 8.0 * ((at - 0.5) ** 2).sum(axis=1) / 0.5 if is_bowl else 12.0 + 4.0 * at[:, 0]
     path = tmp_path / "slope.csv"
     path.write_text(table(rows))
     assert main([str(path), "--out", str(tmp_path / "run"), "--level", "14"]) == 0
