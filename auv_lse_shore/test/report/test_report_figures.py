@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,13 @@ from auv_lse_shore.report import report_figures
 from auv_lse_shore.report.figures import WIDTH_IN, depth_map, local_risk_error, new_figure, risk_maps
 from auv_lse_shore.report.found_figure import found
 from auv_lse_shore.report.map_marks import add_graticule
+
+
+def test_a_home_that_cannot_be_written_is_no_news() -> None:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("XDG_", "MPL"))}
+    code = [sys.executable, "-c", "import auv_lse_shore.report.figures"]
+    done = subprocess.run(code, env={**environment, "HOME": "/dev/null"}, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_an_error_leaves_no_process_that_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
