@@ -105,7 +105,7 @@ class Gate:
         """The missing inputs of the next tick, for error messages."""
         announced = self._announced.get(self.tick + 1, {})
         return {
-            name: f"{self._seen[name]} of {announced.get(name, 'unannounced')}"
+            name: f"{self._seen[name]}{f' of {announced[name]}' if name in announced else ', then nothing'}"
             for name in self.inputs
             if name not in announced or self._seen[name] < announced[name]
         }
