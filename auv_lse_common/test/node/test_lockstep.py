@@ -11,6 +11,7 @@ def test_gate_opens_only_when_every_announced_message_has_arrived() -> None:
     gate.announce(1, "a", 2)
     gate.count("a", 2)
     assert gate.ready() is None, "b has not been announced"
+    assert gate.missing() == {"b": "0, then nothing"}
     gate.announce(1, "b", 1)
     assert gate.ready() is None
     assert gate.missing() == {"b": "0 of 1"}
