@@ -17,6 +17,8 @@ from auv_lse_common.support.user_error import error_text
 PriorMean = Callable[[Array], Array]
 #: The prior nearly excludes an isobath that is farther than this many standard deviations from its mean everywhere.
 MAX_LEVEL_SIGMAS = 2.0
+#: The survey that was read last, with its file's time of change and size.
+_READ: dict[Path, tuple[tuple[int, int] | None, PriorMean]] = {}
 
 
 def prior_mean(config: GpConfig) -> PriorMean:
@@ -30,13 +32,32 @@ def prior_mean(config: GpConfig) -> PriorMean:
     if config.mean == "plane":
         slope = np.array([config.mean_slope_north, config.mean_slope_east])
         return lambda locations_m: np.asarray(config.mean_depth_m + locations_m @ slope)
+    return _survey_mean(Path(config.survey_file).absolute())
+
+
+def _survey_mean(path: Path) -> PriorMean:
+    """The mean of a survey's file, which is read again only if it has changed: each posterior asks for it.
+
+    A file that has disappeared, as from a broken disk in the middle of a dive, has not changed.
+    """
     from auv_lse_gp.soundings import read_soundings  # few vehicles need the parser of tables
 
     try:
-        soundings = read_soundings(Path(config.survey_file))
+        found = path.stat()
+        state = (found.st_mtime_ns, found.st_size)
+    except OSError:
+        state = None
+    known, mean = _READ.get(path, (None, None))
+    if mean is not None and state in (None, known):
+        return mean
+    try:
+        soundings = read_soundings(path)
     except (OSError, ValueError) as error:
         raise ParameterError(f"gp.survey_file: {error_text(error)}") from error
-    return SurveyMean(soundings[:, :2], soundings[:, 2])
+    mean = SurveyMean(soundings[:, :2], soundings[:, 2])
+    _READ.clear()
+    _READ[path] = (state, mean)
+    return mean
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_gp import GpConfig, OnlineGp
+from auv_lse_gp import GpConfig, OnlineGp, soundings
+from auv_lse_gp.covariance.prior_mean import prior_mean
+from auv_lse_gp.soundings import read_soundings
 
 
 def test_plane():
@@ -35,3 +37,24 @@ def test_surveys_on_a_line_are_rejected(tmp_path):
         OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
     with pytest.raises(ParameterError, match=r"absent\.csv"):
         OnlineGp(GpConfig(mean="survey", survey_file=str(tmp_path / "absent.csv")))
+
+
+def test_a_survey_is_read_again_only_if_its_file_has_changed(tmp_path, monkeypatch):
+    """43,000 soundings take .6 s, and the map's quality asks for their mean again and again under way."""
+    path = tmp_path / "survey.csv"
+    config = GpConfig(mean="survey", survey_file=str(path))
+    read = []
+    monkeypatch.setattr(soundings, "read_soundings", lambda path: read.append(path) or read_soundings(path))
+
+    def depth_m(deeper_m):
+        path.write_text(f"north_m,east_m,depth_m\n0,0,{10 + deeper_m}\n9,0,{12 + deeper_m}\n0,9,{14 + deeper_m}\n")
+        return [prior_mean(config)(np.zeros((1, 2)))[0] for _ in range(3)]
+
+    assert depth_m(0) == [10.0] * 3
+    assert len(read) == 1
+    assert depth_m(100) == [110.0] * 3
+    assert len(read) == 2
+    path.unlink()  # as from a broken disk
+    assert prior_mean(config)(np.zeros((1, 2)))[0] == 110.0
+    with pytest.raises(ParameterError, match=r"gp\.survey_file: .*other\.csv"):
+        prior_mean(GpConfig(mean="survey", survey_file=str(tmp_path / "other.csv")))
