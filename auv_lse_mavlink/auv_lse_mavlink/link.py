@@ -186,8 +186,7 @@ class VehicleLink:
         if self.state is LinkState.UP and self._now_s - self._heard_s >= self._config.lost_after_s:
             self.state = LinkState.DOWN
             self.counts["lost"] += 1
-            self._events.append(LinkLost(silent_s=self._now_s - self._heard_s))
-            self._events.append(self._autopilot_state())
+            self._events += [LinkLost(silent_s=self._now_s - self._heard_s), self._autopilot_state()]
             self._forget_autopilot(rebooted=False)
         if self.state is LinkState.UP:
             self._origin.poll(self._now_s)
@@ -314,6 +313,8 @@ class VehicleLink:
         self._events.append(Problem(text=text))
 
     def _advance(self) -> None:
+        for text in self.status.texts(self._now_s):
+            self._report_problem(f"autopilot: {text}")
         self._targets.pass_reached(self._now_s, self._position)
         if self.state is LinkState.UP and self.placed and not self.gauge.settling(self._now_s):
             boot_ms = self._clock.boot_ms_at(self._utc_s)
@@ -473,8 +474,7 @@ class VehicleLink:
     def _on_text(self, message: Message) -> None:
         if ORIGIN_REFUSED in message.text:
             self._origin.setting_refused(self._now_s)
-        for text in self.status.texts(self._now_s, message):
-            self._report_problem(f"autopilot: {text}")
+        self.status.text(self._now_s, message)
 
 
 #: Handler of each message of the autopilot; others are ignored.

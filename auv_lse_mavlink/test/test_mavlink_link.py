@@ -305,7 +305,7 @@ def test_of_two_sonars_that_look_down_one_is_used_while_it_sends():
     assert {altitude.altitude_m for altitude in pilot.of(Altitude)} == {9.5}
     assert pilot.link.counts["altitudes_of_others"] == 20
     (text,) = [problem.text for problem in pilot.of(events.Problem)]
-    assert text.startswith("two range finders look down: DISTANCE_SENSOR 1 is used, DISTANCE_SENSOR 0 is not")
+    assert text.startswith("two sensors look down: DISTANCE_SENSOR 1 is used, DISTANCE_SENSOR 0 is not")
     pilot.wait(3.5)
     ping(0, 9.0)
     assert pilot.of(Altitude)[-1].altitude_m == 9.0
@@ -322,7 +322,7 @@ def test_a_dvl_and_a_range_finder_are_not_mixed():
     assert {altitude.altitude_m for altitude in pilot.of(Altitude)} == {9.5}
     assert pilot.link.counts["altitudes_of_others"] == 20
     (text,) = [problem.text for problem in pilot.of(events.Problem)]
-    assert text.startswith("two range finders look down: topic dvl is used, DISTANCE_SENSOR 0 is not. Turn one off")
+    assert text.startswith("two sensors look down: topic dvl is used, DISTANCE_SENSOR 0 is not. Turn one off")
     pilot.wait(3.5)
     pilot.say(distance(900))
     assert pilot.of(Altitude)[-1].altitude_m == 9.0
@@ -622,6 +622,15 @@ def test_a_warning_in_pieces_is_reported_whole_and_once():
     pilot.say(mavlink.MAVLink_statustext_message(4, b"x" * 50, 3, 0))  # its end gets lost
     pilot.say(mavlink.MAVLink_statustext_message(4, b"EKF failsafe"))
     assert [p.text for p in pilot.of(events.Problem)][1:] == [f"autopilot: {'x' * 50}", "autopilot: EKF failsafe"]
+
+
+def test_a_warning_whose_end_gets_lost_is_reported_after_a_second():
+    pilot = Autopilot().up()
+    pilot.say(mavlink.MAVLink_statustext_message(2, b"x" * 50, 3, 0))
+    assert not pilot.of(events.Problem)
+    pilot.link.poll(NOW_S + 1.1)
+    pilot.reported += pilot.link.events()
+    assert [p.text for p in pilot.of(events.Problem)] == [f"autopilot: {'x' * 50}"]
 
 
 def test_a_warning_without_an_end_is_cut_off():

@@ -246,6 +246,11 @@ def fit(
         errors["mean_depth_m"] = float(mean_errors[0])
     if mean == "plane":
         errors["mean_slope_north"], errors["mean_slope_east"] = float(mean_errors[1]), float(mean_errors[2])
+    if mean == "plane" and not abs(depth0) <= 1_000.0:
+        raise ValueError(
+            f"soundings: a plane through them is {depth0:,.0f} m deep at the origin, which is too far away. Fit a "
+            "constant mean, or choose an origin near them"
+        )
     config = GpConfig(
         kernel=kernel,
         mean=mean,

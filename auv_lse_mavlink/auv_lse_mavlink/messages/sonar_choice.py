@@ -21,7 +21,7 @@ class SonarChoice:
         self._counts["altitudes_of_others"] += 1
         if self._counts["altitudes_of_others"] == 1:
             self._report(
-                f"two range finders look down: {self._name} is used, {name} is not. Turn one off, or change its "
-                "orientation from 25"
+                f"two sensors look down: {self._name} is used, {name} is not. Turn one off, or give the range finder "
+                "another orientation than 25"
             )
         return False

@@ -17,6 +17,8 @@ ROUTINE_TEXTS = ("Auto mission changed, restarted command",)
 TEXT_AGAIN_S, MOST_TEXTS = 60.0, 64
 #: Length of a STATUSTEXT that continues in the next one with its id, unless that is 0; and of the longest whole text.
 TEXT_PIECE, LONGEST_TEXT = 50, 500
+#: Time (s) within which the next piece arrives.
+PIECE_S = 1.0
 #: ArduPilot's answer to an origin while it has one, or waits for GPS.
 ORIGIN_REFUSED = "refusing set origin"
 
@@ -45,7 +47,8 @@ class AutopilotStatus:
         self._charge, self._charge_s = math.nan, -math.inf
         self._leak_s = -math.inf
         self._texts: dict[str, float] = {}  # warnings, and when they were returned
-        self._piece_id, self._pieces = 0, ""  # of a text that continues
+        self._whole: list[str] = []  # texts that were not returned yet
+        self._piece_id, self._pieces, self._piece_s = 0, "", -math.inf  # of a text that continues
 
     @property
     def is_ardupilot(self) -> bool:
@@ -74,21 +77,26 @@ class AutopilotStatus:
         """Charge left, 0 to 1; NaN if it was not reported lately."""
         return self._charge if now_s - self._charge_s <= CHARGE_S else math.nan
 
-    def texts(self, now_s: float, message: Message) -> list[str]:
-        """Handles a STATUSTEXT; returns the texts that are complete and that an operator should read.
-
-        A repeated text is returned once per `TEXT_AGAIN_S`.
-        """
+    def text(self, now_s: float, message: Message) -> None:
+        """Handles a STATUSTEXT."""
         if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
             self._leak_s = now_s
         if message.severity > mavlink.MAV_SEVERITY_WARNING:
-            return []
-        whole = []
+            return
         if self._pieces and message.id != self._piece_id:  # its end was lost
-            whole, self._pieces = [self._pieces], ""
-        self._piece_id, self._pieces = message.id, self._pieces + str(message.text)
+            self._whole, self._pieces = [*self._whole, self._pieces], ""
+        self._piece_id, self._pieces, self._piece_s = message.id, self._pieces + str(message.text), now_s
         if not message.id or len(message.text) < TEXT_PIECE or len(self._pieces) >= LONGEST_TEXT:
-            whole, self._pieces = [*whole, self._pieces], ""
+            self._whole, self._pieces = [*self._whole, self._pieces], ""
+
+    def texts(self, now_s: float) -> list[str]:
+        """The new texts that an operator should read; those whose end does not come after `PIECE_S`.
+
+        A repeated text is returned once per `TEXT_AGAIN_S`.
+        """
+        if self._pieces and not 0.0 <= now_s - self._piece_s < PIECE_S:
+            self._whole, self._pieces = [*self._whole, self._pieces], ""
+        whole, self._whole = self._whole, []
         return [text for text in whole if self._is_news(now_s, text)]
 
     def _is_news(self, now_s: float, text: str) -> bool:

@@ -18,7 +18,7 @@ from auv_lse_run.process.domain import temporary_environment
 _ENDS = {SimStatus.FINISHED: "finished", SimStatus.FAILED: "failed"}
 #: The end for a vehicle that starts, or starts again, during a mission in lockstep.
 TOO_LATE = (
-    "begun already, and in lockstep no vehicle can join it again. Start the simulator and all vehicles again; with "
+    "begun already, and in lockstep no vehicle can join it. Start the simulator and all vehicles again; with "
     "auv_lse sim --real-time-factor 1 a vehicle may restart"
 )
 #: The simulator is lost after this many failed checks in a row, since its last status may arrive after its end.

@@ -79,7 +79,7 @@ def _if_islands(features: Sequence[Feature]) -> str:
     around = max((ring for ring in rings if ring is not None), key=lambda ring: float(np.ptp(ring, axis=0).prod()))
     if not all(ring is around or (ring is not None and _covers(around, ring)) for ring in rings):
         return ""
-    return ". If the largest is a lake and the others are islands, give those the property (a column) role: no-go"
+    return ". If the largest is a lake and the others are islands, name those so, or give them the property role: no-go"
 
 
 def _nothing_usable(content: AreaContent, where: str) -> str:

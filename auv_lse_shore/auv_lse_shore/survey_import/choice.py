@@ -86,8 +86,10 @@ def chosen_logs(contents: Sequence[LogContent], choice: Choice, all_named: bool)
 
 
 def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyLog:
-    positions, position_note = _positions(content)
+    if not content.positions:
+        _positions(content, "")
     name = _sounder_of(content, choice, pings)
+    positions, position_note = _positions(content, name)
     sounder = content.sounders[name]
     rows = sounder.rows
     good = _is_good(rows, sounder.quality_scale, choice.least_quality)
@@ -140,8 +142,8 @@ def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyL
     return log
 
 
-def _positions(content: LogContent) -> tuple[Array, str]:
-    """The positions of the best kind, filled up with those of others; and a remark."""
+def _positions(content: LogContent, sounder: str) -> tuple[Array, str]:
+    """The positions of the best kind, the sounder's own if it has any, filled up with those of others; and a remark."""
     found = content.positions
     if not found:
         raise LogError(
@@ -149,9 +151,9 @@ def _positions(content: LogContent) -> tuple[Array, str]:
         )
     most = max(map(len, found.values()))
 
-    def rank(kind: str) -> tuple[bool, int, int]:
+    def rank(kind: str) -> tuple[bool, bool, int, int]:
         at = next((i for i, name in enumerate(_POSITIONS) if kind == name or kind[2:] == name), len(_POSITIONS))
-        return len(found[kind]) < _ENOUGH * most, at, -len(found[kind])
+        return kind != sounder, len(found[kind]) < _ENOUGH * most, at, -len(found[kind])
 
     first, *others = sorted(found, key=rank)
     rows, note = found[first], f"positions from {first}"

@@ -37,8 +37,9 @@ MAX_CELLS, MAX_CENTERS = 100_000, 1_500
 LEAST_NOISE_M = 0.05
 #: Lanes of a proposed dive are at least this far (m) apart, a little more than a turning circle.
 LANE_M = 32.0
-#: Water (m) that a proposed dive keeps below a vehicle at least, and has to spare where it crosses the isobath.
-LEAST_WATER_M, ROOM_M = 0.5, 0.2
+#: Water (m) that a proposed dive keeps below a vehicle at least, and has to spare where it crosses the isobath: more in
+#: deep water, lest the isobath be the border of what it can reach.
+LEAST_WATER_M, ROOM_M, ROOM_SHARE = 0.5, 0.2, 0.2
 #: Minimum number of soundings for a map.
 LEAST_SOUNDINGS = 10
 #: Positions come from GPS or an estimator: they have neither a heading's nor a log's errors. Where depths differ at a
@@ -193,7 +194,10 @@ def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[s
     points = run.vehicles[0].soundings.points_m
     shallow_m = round(float(np.clip(0.3 * np.quantile(points[:, 2], 0.05), 0.5, 3.0)), 1)
     apart_m = max(0.5 * shallow_m, LEAST_SEPARATION_M)
-    water_m = own["level_set"]["level_m"] - (shallow_m + apart_m) - ROOM_M  # below the deeper vehicle on the isobath
+    level_m = own["level_set"]["level_m"]
+    water_m = (
+        level_m - (shallow_m + apart_m) - max(ROOM_M, ROOM_SHARE * level_m)
+    )  # below the deeper vehicle on the isobath
     if water_m < VehicleConfig().min_water_m:
         shared["vehicle"] = {"min_water_m": round(max(water_m, LEAST_WATER_M), 1)}
     parameters: dict[str, dict[str, Any]] = {"/**": shared}

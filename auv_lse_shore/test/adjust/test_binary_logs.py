@@ -146,8 +146,12 @@ def test_a_channel_of_a_lowrance_log_whose_positions_lag_does_not_mix_with_anoth
     data = bytearray(lowrance(ROWS))
     for at in range(8 + 164, len(data), 2 * 164):  # the side scan, 16 m north: jumps of 16 m within no time
         struct.pack_into("<i", data, at + 112, struct.unpack_from("<i", data, at + 112)[0] + 23)
+    begin = len(data) - 164
+    data += struct.pack("<I", len(data)) + data[begin + 4 :]  # the side scan has one more ping
     path.write_bytes(bytes(data))
-    (log,) = gathered(path).placed
+    found = gathered(path, "--sounder", "channel primary")
+    (log,) = found.placed
+    assert "positions from channel primary;" in found.lines[0]
     assert len(log.soundings) == len(ROWS)
     assert not log.left_out["positions that jump"]
     assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.07)

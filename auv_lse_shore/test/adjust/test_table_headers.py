@@ -520,6 +520,12 @@ def test_frames_of_nmea_2000_are_no_table(tmp_path, line):
         gathered(tmp_path, "\n".join(line.format(n % 10, n % 10) for n in range(50)))
 
 
+def test_numbers_of_two_digits_are_no_frames_of_nmea_2000(tmp_path):
+    data = lines("a,b,c,yy,mo,dd,hh,mi,ss,sats,hdop", lambda t, a, o, d: f"{a},{o},{d},26,06,14,10,00,10,12,10")
+    with pytest.raises(LogError, match="By their values they look like: --columns lat,lon,depth"):
+        gathered(tmp_path, data)
+
+
 @pytest.mark.parametrize("depth", ["depth (m, corrected)", "depth [m, corrected]"])
 def test_a_comma_between_brackets_of_a_header_is_part_of_a_name(tmp_path, depth):
     """The depth was read from the column behind it."""

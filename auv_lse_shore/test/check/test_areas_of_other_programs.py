@@ -343,7 +343,7 @@ def test_a_lake_with_its_islands_as_features_says_how_to_mark_them(tmp_path):
         return json.dumps({"type": "FeatureCollection", "features": features})
 
     islands = [(0.001 * k, 0.001 * k + 0.0005) for k in range(1, 13)]
-    with pytest.raises(ParameterError, match=r"13 polygons .* others are islands, give those the property .* no-go$"):
+    with pytest.raises(ParameterError, match=r"13 polygons .* others are islands, name those so, .* role: no-go$"):
         read(tmp_path, file(square(0.0, 0.02), *(square(*island) for island in islands)), "a.geojson")
     with pytest.raises(ParameterError, match=r"2 polygons may be the operating area: .* or remove it$"):
         read(tmp_path, file(square(0.0, 0.001), square(0.002, 0.003)), "a.geojson")

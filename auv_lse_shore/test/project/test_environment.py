@@ -138,7 +138,7 @@ def test_ctrl_c_during_set_up_does_not_read_like_a_failure(tmp_path: Path) -> No
     for name in ("setup.bash", "local_setup.bash"):
         (tmp_path / "ros_ws" / "install" / name).touch()
     python = tmp_path / ".venv" / "bin" / "python"
-    python.write_text(f"#!/bin/sh\ntouch {tmp_path}/there\nexec sleep 5\n")
+    python.write_text(f"#!/bin/sh\ntouch {tmp_path}/there\nexec sleep 60\n")
     python.chmod(0o755)
     plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
     made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
@@ -154,6 +154,7 @@ def test_ctrl_c_during_set_up_does_not_read_like_a_failure(tmp_path: Path) -> No
         end_s = time.monotonic() + 20.0
         while not (tmp_path / "there").exists() and time.monotonic() < end_s:
             time.sleep(0.05)
+        assert (tmp_path / "there").exists()
         os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=30)
     assert (process.returncode, errors.count("\n")) == (130, 1), errors

@@ -213,8 +213,10 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -
 
 
 def _are_frames(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether most rows hold the bytes of a message, as their last cells or in one."""
+    """Whether most rows hold the bytes of a message, some of them not decimal, as their last cells or in one."""
     of_bytes = [len(row) > _FRAME and all(map(_BYTE.fullmatch, row[-_FRAME:])) for row in rows]
+    if all("".join(row[-_FRAME:]).isdecimal() for row in rows):  # such as parts of a date
+        of_bytes = []
     in_one = [any(map(_IN_ONE_CELL.fullmatch, row)) for row in rows]
     return 2 * max(sum(of_bytes), sum(in_one)) > len(rows)
 
