@@ -243,3 +243,12 @@ def test_reaches_the_best_of_scikit_learn():
 def test_an_unreadable_file_is_named(tmp_path, capsys):
     assert main([str(tmp_path / "nothing.csv")]) == 2
     assert f"{tmp_path / 'nothing.csv'}: No such file or directory" in capsys.readouterr().err
+
+
+def test_a_plane_that_is_far_from_the_origin_asks_for_a_constant_mean() -> None:
+    rng = np.random.default_rng(3)
+    locations_m = rng.uniform(0.0, 200.0, (60, 2))
+    depths_m = 0.5 * locations_m[:, 0] + rng.normal(0.0, 0.1, 60)
+    assert fit(locations_m, depths_m, mean="plane", restarts=1).config.mean_slope_north == pytest.approx(0.5, abs=0.02)
+    with pytest.raises(ValueError, match=r"GpConfig\.mean_depth_m must be .* the origin too far .* constant mean"):
+        fit(locations_m + 60_000.0, depths_m, mean="plane", restarts=1)

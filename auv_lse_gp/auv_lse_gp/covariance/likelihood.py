@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cholesky, lapack
 from scipy.optimize import minimize
 
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.arrays import Array
 from auv_lse_gp.covariance.kernels import CORRELATIONS, SLOPES, SUPPORT_RATIO
@@ -246,19 +247,21 @@ def fit(
         errors["mean_depth_m"] = float(mean_errors[0])
     if mean == "plane":
         errors["mean_slope_north"], errors["mean_slope_east"] = float(mean_errors[1]), float(mean_errors[2])
-    if mean == "plane" and not abs(depth0) <= 1_000.0:
-        raise ValueError(
-            f"soundings: a plane through them is {depth0:,.0f} m deep at the origin, which is too far away. Fit a "
-            "constant mean, or choose an origin near them"
+    try:
+        config = GpConfig(
+            kernel=kernel,
+            mean=mean,
+            mean_depth_m=depth0,
+            mean_slope_north=float(slopes[0]),
+            mean_slope_east=float(slopes[1]),
+            **{name: float(value) for name, value in values.items()},  # type: ignore[arg-type]  # all are floats
         )
-    config = GpConfig(
-        kernel=kernel,
-        mean=mean,
-        mean_depth_m=depth0,
-        mean_slope_north=float(slopes[0]),
-        mean_slope_east=float(slopes[1]),
-        **{name: float(value) for name, value in values.items()},  # type: ignore[arg-type]  # all are floats
-    )
+    except ParameterError as error:
+        if mean == "constant":
+            raise
+        raise ValueError(
+            f"soundings: {error}: their plane is too steep, or the origin too far from them. Fit a constant mean"
+        ) from error
     warnings += _bounds_hit(best_x, target.bounds, two_axes) + _length_warnings(target, config, errors, y)
     counts = {"soundings": len(depths_m), "evaluations": target.evaluations}
     return Fit(config=config, log_likelihood=best, standard_errors=errors, warnings=warnings, restarts=found, **counts)

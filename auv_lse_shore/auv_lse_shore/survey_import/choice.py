@@ -86,8 +86,6 @@ def chosen_logs(contents: Sequence[LogContent], choice: Choice, all_named: bool)
 
 
 def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyLog:
-    if not content.positions:
-        _positions(content, "")
     name = _sounder_of(content, choice, pings)
     positions, position_note = _positions(content, name)
     sounder = content.sounders[name]

@@ -266,7 +266,7 @@ def without(name, *kinds):
         (b"", "is empty"),
         (without("a", "DBT").encode(), "no usable depths (630 positions of GPGGA; 630 positions of GPRMC)"),
         (without("a", "GGA", "RMC").encode(), "no usable positions (630 depths of SDDBT)"),
-        (dataflash([]).data, "no usable positions"),
+        (dataflash([]).data, "no usable depths"),
         (b"\0\1\2\3" * 2000, "is of no format that can be read"),
         (b"\xa3\x95\x80" + b"\7" * 500 + b"\0", "is a damaged dataflash log"),
         (nmea([[*row[:3], 0.0] for row in survey()]).encode(), "630 depths of 0 or less: no echo"),
