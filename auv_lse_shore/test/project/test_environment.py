@@ -94,26 +94,32 @@ def test_ctrl_c_while_the_environment_is_entered_is_answered_by_the_command(tmp_
     assert (process.returncode, output, errors) == (1, "", "answered: ['a word', 'b']\n")
 
 
+def set_up_checkout(project: Path, python: str) -> dict[str, str]:
+    """Makes a checkout that counts as set up, with this script as its Python; returns its environment."""
+    for folder in ("scripts", ".venv/bin", "ros_ws/install"):
+        (project / folder).mkdir(parents=True)
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, project / "scripts")
+    for name in ("setup.bash", "local_setup.bash"):
+        (project / "ros_ws" / "install" / name).touch()
+    (project / ".venv" / "bin" / "python").write_text(python)
+    (project / ".venv" / "bin" / "python").chmod(0o755)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
+    made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
+    subprocess.run(["bash", "-c", made], cwd=project, env=plain, check=True, timeout=30)
+    return plain
+
+
 @pytest.mark.parametrize("of_vehicle", [False, True])
 def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Path, of_vehicle: bool) -> None:
     """As after a pull: otherwise every node of the next mission would compile them, and be late."""
     project = tmp_path / "p"
     if not of_vehicle:
         (project / "ros_ws" / "src" / "auv_lse_shore").mkdir(parents=True)
-    for folder in ("scripts", ".venv/bin", "ros_ws/install", "auv_lse_a/auv_lse_a"):
-        (project / folder).mkdir(parents=True)
-    for name in ("environment.sh", "setup"):
-        shutil.copy(SCRIPTS / name, project / "scripts")
-    for name in ("setup.bash", "local_setup.bash"):
-        (project / "ros_ws" / "install" / name).touch()
+    plain = set_up_checkout(project, f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\n')
+    (project / "auv_lse_a" / "auv_lse_a").mkdir(parents=True)
     loops = project / "auv_lse_a" / "auv_lse_a" / "inner.py"
     loops.write_text("@compiled\ndef one(): ...\n")
-    python = project / ".venv" / "bin" / "python"
-    python.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\n')
-    python.chmod(0o755)
-    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
-    made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
-    subprocess.run(["bash", "-c", made], cwd=project, env=plain, check=True, timeout=30)
 
     def words() -> str:
         command = [project / "scripts" / "setup", "--quiet"]
@@ -131,18 +137,7 @@ def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Pa
 
 
 def test_ctrl_c_during_set_up_does_not_read_like_a_failure(tmp_path: Path) -> None:
-    for folder in ("scripts", ".venv/bin", "ros_ws/install"):
-        (tmp_path / folder).mkdir(parents=True)
-    for name in ("environment.sh", "setup"):
-        shutil.copy(SCRIPTS / name, tmp_path / "scripts")
-    for name in ("setup.bash", "local_setup.bash"):
-        (tmp_path / "ros_ws" / "install" / name).touch()
-    python = tmp_path / ".venv" / "bin" / "python"
-    python.write_text(f"#!/bin/sh\ntouch {tmp_path}/there\nexec sleep 60\n")
-    python.chmod(0o755)
-    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
-    made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
-    subprocess.run(["bash", "-c", made], cwd=tmp_path, env=plain, check=True, timeout=30)
+    plain = set_up_checkout(tmp_path, f"#!/bin/sh\ntouch {tmp_path}/there\nexec sleep 60\n")
     with subprocess.Popen(
         [tmp_path / "scripts" / "setup", "--quiet"],
         stderr=subprocess.PIPE,
