@@ -163,8 +163,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--level", type=float, metavar="M",
                    help="depth of the isobath to search for: if the fitted prior nearly excludes it, a wider one is "
                    "proposed")  # fmt: skip
-    p.add_argument("--points", type=whole_from(10), default=500, metavar="N",
-                   help="use N soundings, drawn at random (default: %(default)s; work ~ N^3)")  # fmt: skip
+    p.add_argument("--points", type=whole_from(10), default=5000, metavar="N",
+                   help="use N soundings, drawn at random (default: %(default)s)")  # fmt: skip
     p.add_argument("--restarts", type=whole_from(1), default=5, metavar="N",
                    help="starts of the search (default: %(default)s)")  # fmt: skip
     p.add_argument("--seed", type=whole_from(0), default=0, help="seed of the draw (default: %(default)s)")
@@ -183,10 +183,9 @@ def _fitted(options: argparse.Namespace) -> tuple[list[Fit], Array, str]:
         if options.mean == "plane":  # mean_depth_m is the plane's depth at the origin
             where += "; the plane holds for a mission with that area.origin_lat_deg, area.origin_lon_deg"
         print(where)
-    rng = np.random.default_rng(options.seed)
     if len(soundings) > options.points:
         print(f"using {options.points} of {len(soundings)} soundings, drawn at random (--points, --seed)")
-        soundings = soundings[np.sort(rng.choice(len(soundings), options.points, replace=False))]
+    soundings = soundings[np.random.default_rng(options.seed).permutation(len(soundings))[: options.points]]
     results = [
         fit(
             soundings[:, :2],

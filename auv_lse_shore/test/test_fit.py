@@ -13,6 +13,7 @@ from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, Kernel
+from auv_lse_gp.covariance import likelihood
 from auv_lse_gp.covariance.likelihood import MarginalLikelihood, fit
 from auv_lse_shore.fit import recorded_soundings
 
@@ -32,7 +33,9 @@ def drawn(config, n=250, size=500.0, seed=0):
 
 @pytest.mark.parametrize("two_axes", [False, True])
 @pytest.mark.parametrize("name", KERNELS)
-def test_gradients(name, two_axes):
+@pytest.mark.parametrize("block", [60, 25])
+def test_gradients(name, two_axes, block, monkeypatch):
+    monkeypatch.setattr(likelihood, "BLOCK", block)
     positions, depths = drawn(GpConfig(), n=60)
     target = MarginalLikelihood(positions, depths, name, "plane", two_axes)
     x = np.array([4.4, 3.9, 0.7, -4.0]) if two_axes else np.array([4.3, -4.0])
@@ -56,6 +59,18 @@ def test_the_value_is_the_likelihood(name):
     covariance = Kernel(config)(positions, positions) / 25.0 + 0.09 / 25.0 * np.eye(50)
     wanted = multivariate_normal(np.full(50, 15.0), signal**2 * covariance).logpdf(depths)
     assert -target(x)[0] == pytest.approx(wanted, rel=1e-10)
+
+
+def test_blocks_are_neighbours_and_count_as_independent(monkeypatch):
+    positions, depths = drawn(GpConfig(), n=50, size=100.0)
+    away = positions + np.array([1e5, 0.0])
+    x = np.array([math.log(40.0), math.log(1e-3)])
+    monkeypatch.setattr(likelihood, "BLOCK", 60)
+    shuffled = np.random.default_rng(1).permutation(100)
+    both = np.concatenate([positions, away])[shuffled], np.concatenate([depths, depths])[shuffled]
+    one = MarginalLikelihood(positions, depths, "matern52", mean_depth_m=15.0)(x)[0]
+    two = MarginalLikelihood(*both, "matern52", mean_depth_m=15.0)(x)[0]
+    assert two == pytest.approx(2.0 * one, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["matern52", "wendland_c2"])

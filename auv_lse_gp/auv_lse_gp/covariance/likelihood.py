@@ -9,6 +9,7 @@ sections 2.7 and 5.4.1). The search varies the logarithms of the length scales a
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cholesky, lapack
@@ -16,7 +17,7 @@ from scipy.optimize import minimize
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import GpConfig
-from auv_lse_common.support.arrays import Array
+from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.covariance.kernels import CORRELATIONS, SLOPES, SUPPORT_RATIO
 
 #: Search range of noise variance / signal variance.
@@ -24,6 +25,9 @@ LOWEST_RATIO, HIGHEST_RATIO = 1e-6, 1e2
 
 #: Largest length scale of the search, and that beyond which it describes a trend; both in extents of the soundings.
 MAX_EXTENTS, TREND_EXTENTS = 20.0, 0.5
+
+#: Maximum number of soundings whose correlations are all computed; more are divided into blocks.
+BLOCK = 250
 
 #: The data determine a parameter if the standard error of its logarithm is less than this (a factor 1.65).
 DETERMINED = 0.5
@@ -48,10 +52,75 @@ class Fit:
     restarts: list[float]
 
 
+class _Block:
+    """Soundings whose correlations are all computed.
+
+    Attributes:
+        depths: Their depths less a known mean (n,).
+        basis: The mean's basis functions at them (n, number of its parameters).
+    """
+
+    def __init__(self, offset: Array, depths: Array, basis: Array, kernel: str, two_axes: bool) -> None:
+        self.depths, self.basis = depths, basis
+        self._kernel, self._two_axes, self._ratio = kernel, two_axes, SUPPORT_RATIO.get(kernel, 1.0)
+        self._north = offset[:, None, 0] - offset[None, :, 0]
+        self._east = offset[:, None, 1] - offset[None, :, 1]
+        self._square = self._north**2 + self._east**2
+
+    def nearest_m(self) -> Array:
+        """Distance of each sounding from its nearest neighbour (m, (n,))."""
+        apart = self._square + np.diag(np.full(len(self._square), np.inf))
+        nearest: Array = np.sqrt(apart.min(axis=1))
+        return nearest
+
+    def correlation(self, x: Array) -> tuple[Array, list[Array]]:
+        """R, and its derivatives with respect to all elements of x but the last."""
+        if not self._two_axes:
+            length = math.exp(x[0]) * self._ratio
+            square = self._square / length**2
+            r = np.sqrt(square)
+            return CORRELATIONS[self._kernel](r), [-SLOPES[self._kernel](r) * square]
+        one, two = math.exp(x[0]) * self._ratio, math.exp(x[1]) * self._ratio
+        cos, sin = math.cos(x[2]), math.sin(x[2])
+        u = (cos * self._north + sin * self._east) / one
+        v = (cos * self._east - sin * self._north) / two
+        r = np.sqrt(u * u + v * v)
+        slope = -SLOPES[self._kernel](r)  # d rho / d log length is this times the axis' part of r^2
+        return CORRELATIONS[self._kernel](r), [slope * u * u, slope * v * v, slope * u * v * (one / two - two / one)]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Solved:
+    """A block at some parameters, with its covariance K and the residuals e of its depths.
+
+    Attributes:
+        lower: Cholesky factor of K.
+        weights: K^-1 e.
+        square: e^T K^-1 e.
+        correlation: R.
+        derivatives: Those of R.
+    """
+
+    lower: Array
+    weights: Array
+    square: float
+    correlation: Array
+    derivatives: list[Array]
+
+    def slopes(self, by: Sequence[Array], variance: float = 1.0) -> list[float]:
+        """1/2 [ a^T dK a / variance - tr(K^-1 dK) ] for each derivative dK of `by`."""
+        inverse = _inverse(self.lower)
+        squares = [float(self.weights @ derivative @ self.weights) / variance for derivative in by]
+        traces = [float(np.einsum("ij,ij->", inverse, derivative)) for derivative in by]
+        return [0.5 * (square - trace) for square, trace in zip(squares, traces, strict=True)]
+
+
 class MarginalLikelihood:
     """The likelihood of soundings under one kernel, as a function of its parameters.
 
-    Search variables x: log length, [log length across, rotation (rad)], log g.
+    Search variables x: log length, [log length across, rotation (rad)], log g. The work grows with the cube of the
+    number of soundings, so many are divided into blocks of neighbours, whose likelihoods are multiplied as if they were
+    independent (Caragea and Smith 2007).
     """
 
     def __init__(
@@ -80,31 +149,29 @@ class MarginalLikelihood:
         self.two_axes = two_axes
         self.evaluations = 0
         self._max_extents = max_extents
-        self._ratio = SUPPORT_RATIO.get(kernel, 1.0)
         self._center = locations_m.mean(axis=0)
         offset = locations_m - self._center
         self.extent_m = float(np.ptp(locations_m, axis=0).max())
         if not self.extent_m > 0.0:
             raise ValueError("soundings: all are at one location; give soundings over an area")
-        self._north = offset[:, None, 0] - offset[None, :, 0]
-        self._east = offset[:, None, 1] - offset[None, :, 1]
-        distance = np.hypot(self._north, self._east)
-        self._square = distance**2
-        self.spacing_m = float(np.median(np.sort(distance + np.diag(np.full(len(offset), np.inf)), axis=1)[:, 0]))
         ones = np.ones((len(offset), 1))
         if mean_depth_m is not None:
-            self._basis, self._fixed = np.zeros((len(offset), 0)), mean_depth_m
+            basis, self._fixed = np.zeros((len(offset), 0)), mean_depth_m
         else:
-            self._basis, self._fixed = (ones if mean == "constant" else np.hstack([ones, offset])), 0.0
-        self._depths = depths_m - self._fixed
+            basis, self._fixed = (ones if mean == "constant" else np.hstack([ones, offset])), 0.0
+        depths = depths_m - self._fixed
         if not np.ptp(depths_m) > 0.0:
             raise ValueError(f"soundings: all have the depth {float(depths_m[0])!r} m, so no variance can be fitted")
         if mean == "plane":
-            off = self._depths - self._basis @ np.linalg.lstsq(self._basis, self._depths, rcond=None)[0]
+            off = depths - basis @ np.linalg.lstsq(basis, depths, rcond=None)[0]
             if float(np.abs(off).max()) <= 1e-9 * float(np.ptp(depths_m)):  # what rounding leaves
                 raise ValueError(
                     "soundings: all depths lie on one plane, so no variance about it can be fitted. Use mean constant"
                 )
+        self._count = len(depths)
+        parts = _neighbourhoods(offset, np.arange(self._count))
+        self._blocks = [_Block(offset[part], depths[part], basis[part], kernel, two_axes) for part in parts]
+        self.spacing_m = float(np.median(np.concatenate([block.nearest_m() for block in self._blocks])))
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -115,81 +182,65 @@ class MarginalLikelihood:
         ratio = (math.log(LOWEST_RATIO), math.log(HIGHEST_RATIO))
         return [length, length, rotation, ratio] if self.two_axes else [length, ratio]
 
-    def _correlation(self, x: Array) -> tuple[Array, list[Array]]:
-        """R, and its derivatives with respect to all elements of x but the last."""
-        if not self.two_axes:
-            length = math.exp(x[0]) * self._ratio
-            square = self._square / length**2
-            r = np.sqrt(square)
-            return CORRELATIONS[self.kernel](r), [-SLOPES[self.kernel](r) * square]
-        one, two = math.exp(x[0]) * self._ratio, math.exp(x[1]) * self._ratio
-        cos, sin = math.cos(x[2]), math.sin(x[2])
-        u = (cos * self._north + sin * self._east) / one
-        v = (cos * self._east - sin * self._north) / two
-        r = np.sqrt(u * u + v * v)
-        slope = -SLOPES[self.kernel](r)  # d rho / d log length is this times the axis' part of r^2
-        return CORRELATIONS[self.kernel](r), [slope * u * u, slope * v * v, slope * u * v * (one / two - two / one)]
-
-    def _solve(self, matrix: Array) -> tuple[Array, Array, Array, Array]:
-        """Cholesky factor, mean parameters b, residuals e and matrix^-1 e of a covariance or a multiple of it."""
-        lower = cholesky(matrix, lower=True, check_finite=False)
-        solved_depths = cho_solve((lower, True), self._depths, check_finite=False)
-        if not self._basis.shape[1]:
-            return lower, np.zeros(0), self._depths, solved_depths
-        solved_basis = cho_solve((lower, True), self._basis, check_finite=False)
-        mean = np.linalg.solve(self._basis.T @ solved_basis, self._basis.T @ solved_depths)
-        return lower, mean, self._depths - self._basis @ mean, solved_depths - solved_basis @ mean
+    def _solve(self, x: Array, signal2: float, noise2: float) -> tuple[list[_Solved], Array, Array]:
+        """All blocks at signal2 R + noise2 I, the mean's best parameters b, and their information H^T K^-1 H."""
+        found = []
+        parameters = self._blocks[0].basis.shape[1]
+        moment, information = np.zeros(parameters), np.zeros((parameters, parameters))
+        for block in self._blocks:
+            correlation, derivatives = block.correlation(x)
+            matrix = signal2 * correlation
+            matrix[np.diag_indices(len(matrix))] += noise2
+            lower = cholesky(matrix, lower=True, check_finite=False)
+            both = cho_solve((lower, True), np.column_stack([block.depths, block.basis]), check_finite=False)
+            moment += block.basis.T @ both[:, 0]
+            information += block.basis.T @ both[:, 1:]
+            found.append((block, lower, both, correlation, derivatives))
+        mean = np.asarray(np.linalg.solve(information, moment), dtype=np.float64)
+        solved = []
+        for block, lower, both, correlation, derivatives in found:
+            weights = both[:, 0] - both[:, 1:] @ mean
+            square = float((block.depths - block.basis @ mean) @ weights)
+            solved.append(_Solved(lower, weights, square, correlation, derivatives))
+        return solved, mean, information
 
     def __call__(self, x: Array) -> tuple[float, Array]:
         """Minus the log marginal likelihood at x with the best mean and signal, and its gradient."""
         self.evaluations += 1
-        n = len(self._depths)
-        matrix, derivatives = self._correlation(x)
         ratio = math.exp(x[-1])
-        matrix[np.diag_indices(n)] += ratio
         try:
-            lower, _, residuals, weights = self._solve(matrix)
+            solved, _, _ = self._solve(x, 1.0, ratio)
         except LinAlgError:
             return math.inf, np.zeros_like(x)
-        variance = float(residuals @ weights) / n
-        value = -0.5 * n * (math.log(2.0 * math.pi * variance) + 1.0) - float(np.sum(np.log(np.diag(lower))))
-        inverse = _inverse(lower)
-        gradient = [
-            0.5 * (float(weights @ d @ weights) / variance - float(np.einsum("ij,ij->", inverse, d)))
-            for d in derivatives
-        ]
-        gradient.append(0.5 * ratio * (float(weights @ weights) / variance - float(np.trace(inverse))))
-        return -value, -np.array(gradient)
+        variance = sum(block.square for block in solved) / self._count
+        value = -0.5 * self._count * (math.log(2.0 * math.pi * variance) + 1.0)
+        value -= sum(float(np.sum(np.log(np.diag(block.lower)))) for block in solved)
+        gradient = np.zeros_like(x)
+        for block in solved:
+            gradient += block.slopes([*block.derivatives, ratio * np.eye(len(block.weights))], variance)
+        return -value, -gradient
 
     def best_signal(self, x: Array) -> tuple[float, Array]:
         """Best standard deviation of the signal (m) and best parameters of the mean at x."""
-        matrix, _ = self._correlation(x)
-        matrix[np.diag_indices(len(matrix))] += math.exp(x[-1])
-        _, mean, residuals, weights = self._solve(matrix)
-        return math.sqrt(float(residuals @ weights) / len(residuals)), mean
+        solved, mean, _ = self._solve(x, 1.0, math.exp(x[-1]))
+        return math.sqrt(sum(block.square for block in solved) / self._count), mean
 
     def full_gradient(self, y: Array) -> Array:
         """Gradient of the log likelihood in y: log signal, then the search variables with log noise for log g."""
         signal2, noise2 = math.exp(2.0 * y[0]), math.exp(2.0 * y[-1])
-        correlation, derivatives = self._correlation(np.append(y[1:-1], 0.0))
-        matrix = signal2 * correlation
-        matrix[np.diag_indices(len(matrix))] += noise2
-        lower, _, _, weights = self._solve(matrix)
-        inverse = _inverse(lower)
-        by = [2.0 * signal2 * correlation, *(signal2 * d for d in derivatives)]
-        gradient = [0.5 * (float(weights @ d @ weights) - float(np.einsum("ij,ij->", inverse, d))) for d in by]
-        gradient.append(noise2 * (float(weights @ weights) - float(np.trace(inverse))))
-        return np.array(gradient)
+        gradient = np.zeros_like(y)
+        for block in self._solve(np.append(y[1:-1], 0.0), signal2, noise2)[0]:
+            signal = [signal2 * by for by in (2.0 * block.correlation, *block.derivatives)]
+            gradient += block.slopes([*signal, 2.0 * noise2 * np.eye(len(block.weights))])
+        return gradient
 
     def mean_parameters(self, y: Array) -> tuple[float, Array, Array]:
         """Mean depth at north = east = 0, its slopes (2,), and the standard errors of these three (3,)."""
-        matrix = math.exp(2.0 * y[0]) * self._correlation(np.append(y[1:-1], 0.0))[0]
-        matrix[np.diag_indices(len(matrix))] += math.exp(2.0 * y[-1])
-        lower, mean, _, _ = self._solve(matrix)
+        x = np.append(y[1:-1], 0.0)
+        _, mean, information = self._solve(x, math.exp(2.0 * y[0]), math.exp(2.0 * y[-1]))
         slopes, errors = np.zeros(2), np.zeros(3)
         if not len(mean):
             return self._fixed, slopes, errors
-        information = self._basis.T @ cho_solve((lower, True), self._basis)
         to_origin = np.eye(len(mean))
         if len(mean) == 3:
             slopes = mean[1:]
@@ -197,6 +248,16 @@ class MarginalLikelihood:
         covariance = to_origin @ np.linalg.solve(information, to_origin.T)
         errors[: len(mean)] = np.sqrt(np.diag(covariance))
         return float(to_origin[0] @ mean), slopes, errors
+
+
+def _neighbourhoods(locations_m: Array, numbers: Ints) -> list[Ints]:
+    """Divides the soundings `numbers` into groups of neighbours, each of at most `BLOCK`."""
+    if len(numbers) <= BLOCK:
+        return [numbers]
+    axis = int(np.argmax(np.ptp(locations_m[numbers], axis=0)))
+    along = numbers[np.argsort(locations_m[numbers, axis], kind="stable")]
+    middle = len(along) // 2
+    return [*_neighbourhoods(locations_m, along[:middle]), *_neighbourhoods(locations_m, along[middle:])]
 
 
 def _inverse(lower: Array) -> Array:
@@ -219,7 +280,7 @@ def fit(
     """Fits the parameters by maximum marginal likelihood.
 
     Args:
-        locations_m: North, east (m) of the soundings (n, 2). The time grows with n^3: seconds for a thousand soundings.
+        locations_m: North, east (m) of the soundings (n, 2); the time grows with n.
         depths_m: Their depths (n,).
         kernel: One of `KERNELS`.
         mean: "constant" or "plane".

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,9 @@ MOST_SOUNDINGS, LEG_M = 200_000, 23.6
 #: Smallest cell (m) of a thinned table, and how much larger the next ones are.
 SMALLEST_CELL_M, COARSER = 0.5, 1.5
 #: Number of soundings and of starts with which the Gaussian process is learned.
-FITTED, STARTS = 300, 3
+FITTED, STARTS = 5_000, 2
+#: Cells along the survey's extent, of which each counts once in the mean depth, however long the boat was there.
+MEAN_CELLS = 50
 #: Number of cells of the map, and of kernel centers, beyond which both get coarser.
 MAX_CELLS, MAX_CENTERS = 100_000, 1_500
 #: Least standard deviation of a sounding (m): the resolution of sounders, and waves.
@@ -100,25 +101,23 @@ def _walk_m_rts(vehicles: Sequence[VehicleRun]) -> float:
 
 
 def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
-    """Kernel and hyperparameters of section `gp`, learned from some of the soundings.
+    """Kernel and hyperparameters of section `gp`, learned from the soundings.
 
-    A length scale of more than half the survey would describe a trend, with a mean far from all depths. At that limit
-    a smooth slope needs hardly any variance, so the standard deviation is at least that of the depths about the mean.
-    If the mean, as of a bowl, is still none of the depths, theirs is taken.
+    The likeliest mean of a bowl is none of its depths, so theirs is taken, all parts of the survey counting alike.
+    A length scale of more than half the survey would describe a trend. At that limit a smooth slope needs hardly any
+    variance, so the standard deviation is at least that of the depths about the mean.
     """
-    rng = np.random.default_rng(0)
-    chosen = np.sort(rng.choice(len(points), min(FITTED, len(points)), replace=False))
-    fit_with = partial(fit, points[chosen, :2], points[chosen, 2], max_extents=TREND_EXTENTS, restarts=STARTS)
+    extent_m = float(np.ptp(points[:, :2], axis=0).max())
+    mean_m = float(points[one_of_each_cell(points[:, :2], extent_m / MEAN_CELLS or 1.0), 2].mean())
+    drawn = points[np.random.default_rng(0).permutation(len(points))[:FITTED]]
     try:
-        fitted = fit_with()
-        if not points[:, 2].min() <= fitted.config.mean_depth_m <= points[:, 2].max():
-            fitted = fit_with(mean_depth_m=float(points[:, 2].mean()))
+        fitted = fit(drawn[:, :2], drawn[:, 2], mean_depth_m=mean_m, max_extents=TREND_EXTENTS, restarts=STARTS)
     except ValueError as error:
         raise LogError(f"No Gaussian process fits the soundings: {brief(error)}") from error
     config, names = fitted.config, ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")
     learned: dict[str, Any] = {name: float(f"{getattr(config, name):.5g}") for name in names}
     learned["noise_std_m"] = max(learned["noise_std_m"], least_noise_m)
-    if learned["length_scale_m"] > 0.99 * TREND_EXTENTS * float(np.ptp(points[chosen, :2], axis=0).max()):
+    if learned["length_scale_m"] > 0.99 * TREND_EXTENTS * float(np.ptp(drawn[:, :2], axis=0).max()):
         spread_m = math.sqrt(float(np.mean((points[:, 2] - learned["mean_depth_m"]) ** 2)))
         learned["signal_std_m"] = max(learned["signal_std_m"], float(f"{spread_m:.5g}"))
     return {"kernel": config.kernel, **learned}

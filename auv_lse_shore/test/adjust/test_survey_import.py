@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import math
 import re
 import sys
 
@@ -22,6 +23,7 @@ from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.export.export import export
 from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.team_map import team_map
+from auv_lse_shore.survey_import.run import LEAST_NOISE_M, _learned
 
 adjust_main = verb_main("adjust")
 export_main = verb_main("export")
@@ -127,6 +129,19 @@ def test_the_prior_of_a_smooth_bottom_has_a_mean_within_the_depths(tmp_path, is_
     assert gp["length_scale_m"] <= 0.5 * extent_m + 0.1
     assert rows[:, 3].min() < gp["mean_depth_m"] < rows[:, 3].max()
     assert gp["signal_std_m"] >= rows[:, 3].std() - 1e-3
+
+
+def test_the_prior_does_not_depend_on_which_spikes_were_drawn() -> None:
+    """A bay of 40,000 m2 with 5,000 soundings, of which 1 % are wrong by metres."""
+    rng = np.random.default_rng(3)
+    north, east = rng.uniform(0.0, 200.0, (2, 5000))
+    depth = 10.0 + 3.0 * np.sin(north / 25.0) * np.cos(east / 25.0) + rng.normal(0.0, 0.05, 5000)
+    depth[rng.choice(5000, 50, replace=False)] += rng.normal(0.0, 4.0, 50)
+    points = np.column_stack([north, east, depth])
+    first, second = (_learned(rows, LEAST_NOISE_M) for rows in (points, points[rng.permutation(5000)]))
+    for name in ("length_scale_m", "signal_std_m", "noise_std_m"):
+        assert first[name] == pytest.approx(second[name], rel=0.05)
+    assert first["noise_std_m"] == pytest.approx(math.hypot(0.05, math.sqrt(0.01) * 4.0), rel=0.25)
 
 
 def test_a_survey_can_be_adjusted_and_gives_a_prior(tmp_path):
