@@ -92,6 +92,15 @@ def names_network(environment: Mapping[str, str]) -> bool:
     return any(Path(profile).is_file() for profile in profiles)
 
 
+def reach(environment: Mapping[str, str]) -> str:
+    """Where ROS finds nodes with an environment, for messages: "on this computer", or through a named network."""
+    if not names_network(environment):
+        return "on this computer"
+    ours = {"", "LOCALHOST", "SYSTEM_DEFAULT", str(_FASTDDS_PROFILE)}
+    named = [f"{name}={environment[name]}" for name in NETWORK_VARIABLES if environment.get(name, "") not in ours]
+    return f"through {', '.join(named)}"
+
+
 def watch_variables(domain: int) -> str:
     """The variables to export in another terminal so that its ROS commands find `domain`, in shell syntax."""
     is_local = is_confined(confined(domain))

@@ -1,11 +1,13 @@
 """auv_lse go, hold, surface, abort and reset command vehicles; auv_lse state shows the states of their missions."""
 
 import argparse
+import os
 import re
 import sys
 import time
 from typing import Any
 
+from auv_lse_common.support.confinement import reach
 from auv_lse_common.vocabulary.mission_run import STALES, Command, RunState
 from auv_lse_common.vocabulary.vehicle_name import vehicle_names
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
@@ -97,11 +99,19 @@ def run_send(options: argparse.Namespace, graph: Any) -> int:
             why = f"no answer, so {options.what.name} was not sent. Try again"
         print(f"{name}: error: {why}", file=sys.stderr)
     if not answered and not failed:
-        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
+        raise GraphError(_no_vehicle())
     if names is None or len(names) > 1:
         accepted = [name for name in answered if name not in failed]
         print(f"accepted by {len(accepted)}: {', '.join(accepted) or 'none'}")
     return int(bool(failed))
+
+
+def _no_vehicle() -> str:
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    return (
+        f"no vehicle found in ROS domain {domain} {reach(os.environ)} (no safety_node). Choose another domain with "
+        "--domain N, or start one"
+    )
 
 
 def _wait_for_restart(calls: Any, graph: Any, names: list[str] | None) -> None:
@@ -129,7 +139,7 @@ def run_state(options: argparse.Namespace, graph: Any) -> int:
     for name in mute:
         print(f"{name}: {_HUNG}")
     if not there and not mute:
-        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
+        raise GraphError(_no_vehicle())
     heard = states(graph, there, _LISTEN_S)
     for name in there:
         if name not in heard:

@@ -180,7 +180,8 @@ def test_a_stop_waits_for_the_restart_of_a_safety_node_and_go_does_not(
 
 
 def test_without_a_vehicle_the_command_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(graph_node.GraphError, match="no vehicle found"):
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.9.0.2")
+    with pytest.raises(graph_node.GraphError, match=r"no vehicle found in .* through ROS_STATIC_PEERS=10\.9\.0\.2 "):
         _Graph(monkeypatch, {}).run("all")
 
 

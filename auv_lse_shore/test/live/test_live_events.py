@@ -325,6 +325,26 @@ def test_the_end_of_a_mission_is_no_problem(tmp_path, monkeypatch):
     assert timeline.state == {"growing": False, "control": False, "problem": "", "waiting": "waiting for a mission"}
 
 
+def test_a_mission_of_another_computer_without_its_file_is_named_on_the_terminal(monkeypatch, capsys):
+    timeline, stop = Timeline(), threading.Event()
+    monkeypatch.setattr(running, "busy_domains", list)
+    monkeypatch.setattr(stop, "wait", lambda timeout: stop.set())
+    running.MissionFollower(timeline, 82, None).follow(stop)
+    assert capsys.readouterr().err == (
+        "live view: ROS domain 82: its mission was not started on this machine, so its mission file is unknown. Name "
+        "it with --mission FILE\n"
+    )
+
+
+@pytest.mark.parametrize(("here", "silent_s", "named"), [(True, 20.0, False), (False, 9.0, False), (False, 11.0, True)])
+def test_a_page_names_the_silence_of_another_computer(tmp_path, monkeypatch, here, silent_s, named):
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.9.0.2")
+    found = running.RunningMission(82, tmp_path if here else None)
+    text = running.MissionFollower._silence(found, silent_s)
+    assert text.startswith("ROS domain 82: nothing heard through ROS_STATIC_PEERS=10.9.0.2 for 10 s") == named
+    assert bool(text) == named
+
+
 @pytest.mark.parametrize(("noted", "taken"), [(None, None), ("", None), ("sim-1", "sim-1")])
 def test_a_domain_without_a_noted_simulation_is_shown_whoever_flies_there(monkeypatch, noted, taken):
     """A full disk keeps no note; no message has the empty id."""

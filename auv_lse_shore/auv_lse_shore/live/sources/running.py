@@ -1,6 +1,8 @@
 """Fills a timeline from the missions that run on this machine, one after another."""
 
 import math
+import os
+import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -8,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.confinement import reach
 from auv_lse_record.growing_file import RecordingFile
 from auv_lse_record.recording import RecordingError
 from auv_lse_run.process.domain import busy_domains, dive_on, run_on
@@ -21,8 +24,8 @@ from auv_lse_shore.live.sources.timeline import Timeline
 _LOOK_S = 1.0
 #: Wall clock (s) for which messages are collected before their events are added.
 _SERVE_S = 0.1
-#: Wall clock (s) without a message after which a mission counts as silent.
-_SILENT_S = 60.0
+#: Wall clock (s) without a message after which the page names the silence, and after which a mission does not run.
+_QUIET_S, _SILENT_S = 10.0, 60.0
 #: A vehicle's clock that goes back by more than this (s) means that the mission has restarted.
 _BACK_S = 10.0
 #: Mission time (s) after the first odometry by which every regular topic has been received.
@@ -86,6 +89,7 @@ class MissionFollower:
                 self._timeline.set_state(growing=False, control=False, problem="")
             except (OSError, ValueError) as error:
                 restarted = False
+                print(f"live view: {error}", file=sys.stderr, flush=True)
                 self._timeline.set_state(growing=False, control=False, problem=str(error))
             done = None if restarted else found
 
@@ -129,9 +133,20 @@ class MissionFollower:
                 if found.run is not None and found.domain not in busy_domains():
                     break
                 # vehicles at sea may come back, so their domain is followed until the end
-                self._timeline.set_state(growing=time.monotonic() - listener.heard_s < _SILENT_S)
+                silent_s = time.monotonic() - listener.heard_s
+                self._timeline.set_state(growing=silent_s < _SILENT_S, problem=self._silence(found, silent_s))
         merged.catch_up()
         return merged.restarted
+
+    @staticmethod
+    def _silence(found: RunningMission, silent_s: float) -> str:
+        """Why nothing arrives from vehicles elsewhere; empty while something does, or the mission runs here."""
+        if found.run is not None or silent_s < _QUIET_S:
+            return ""
+        return (
+            f"ROS domain {found.domain}: nothing heard {reach(os.environ)} for {_QUIET_S:g} s or more. The vehicle is "
+            "under water, or its nodes or the network are down"
+        )
 
 
 class _MergedMessages:
