@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from auv_lse_common.mission_file.parameter_file import parameter_text
 from auv_lse_common.support.arrays import Array
 from auv_lse_common.topics.codecs import Fields
 from auv_lse_common.topics.columns import odometry_columns, sounding_columns, stamps_ns
@@ -36,13 +36,7 @@ Record = tuple[float, str, str, Fields, bool]
 
 def write_mission_file(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
     """Writes a mission's parameters as a ROS 2 parameter file."""
-    path.write_text(_mission_text(parameters))
-
-
-def _mission_text(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    body = {pattern: {"ros__parameters": dict(values)} for pattern, values in parameters.items()}
-    text: str = yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=110)
-    return text
+    path.write_text(parameter_text(parameters))
 
 
 def write_run(run: RunData, folder: Path) -> None:
@@ -117,7 +111,7 @@ def _in_order(rows: Array) -> Array:
 def _records(run: RunData) -> Iterator[Record]:
     """Every message of a run, except those of tracks and soundings."""
     start_s = _start_s(run)
-    for name, text in ((MISSION_FILE, _mission_text(run.parameters)), (SOFTWARE, version())):
+    for name, text in ((MISSION_FILE, parameter_text(run.parameters)), (SOFTWARE, version())):
         yield start_s, name, TEXT, {"data": text}, True
     for vehicle in run.vehicles:
         for topic, stamp_s, value in _values(vehicle):

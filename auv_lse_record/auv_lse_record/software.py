@@ -8,9 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parameter_text, read_parameter_file
 
 
 @functools.cache
@@ -43,5 +41,4 @@ def mission_text(arguments: Sequence[str], parameters: Mapping[str, Any]) -> str
     for argument, path in pairwise(arguments):
         if argument == "--params-file" and any("mission" in p for p in read_parameter_file(path).values()):
             return Path(path).read_text()
-    text: str = yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}, sort_keys=False)
-    return text
+    return parameter_text({"/**": parameters})

@@ -233,11 +233,11 @@ def test_recording_of_the_last_version_is_read(tmp_path, synthetic_run):
 def test_numbers_that_an_earlier_version_read_in_base_8_or_60_are_read_as_it_did(
     tmp_path, synthetic_run, monkeypatch, in_recording
 ):
-    text = run_writer._mission_text(synthetic_run(steps=8).parameters)
+    text = run_writer.parameter_text(synthetic_run(steps=8).parameters)
     earlier = text.replace("steps: 8\n", "steps: 010\n")
     assert earlier != text
     with monkeypatch.context() as patch:
-        patch.setattr(run_writer, "_mission_text", lambda parameters: earlier)
+        patch.setattr(run_writer, "parameter_text", lambda parameters: earlier)
         if not in_recording:
             patch.setattr(run_writer, "MISSION_FILE", "/recorder/other")
         write_run(synthetic_run(steps=8), tmp_path)

@@ -1,9 +1,11 @@
-"""Reads ROS 2 parameter files: node patterns, and the parameters of a node."""
+"""Reads and writes ROS 2 parameter files: node patterns, and the parameters of a node."""
 
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from auv_lse_common.mission_file.degrees import AreaReader, in_metres
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
@@ -81,6 +83,50 @@ def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict
         if re.fullmatch("".join(parts), node):
             merged = merge(merged, nest(values))
     return merged
+
+
+def parameter_text(patterns: Mapping[str, Mapping[str, Any]]) -> str:
+    """The text of a ROS 2 parameter file, with nothing that ROS's YAML parser cannot read.
+
+    It knows no aliases, reads 1e-05 as a text and refuses a list of integers and floats.
+    """
+    body = {pattern: {"ros__parameters": _plain(values)} for pattern, values in patterns.items()}
+    text: str = yaml.dump(
+        body, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
+    )
+    return text
+
+
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml has no types
+    """Writes floats that YAML 1.1, and so ROS, reads as floats: 1.0e-05 instead of 1e-05."""
+
+
+def _float(dumper: yaml.SafeDumper, value: float) -> Any:
+    text = repr(value)
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        sign = exponent if exponent[0] in "+-" else "+" + exponent
+        text = f"{mantissa if '.' in mantissa else mantissa + '.0'}e{sign}"
+    return dumper.represent_scalar("tag:yaml.org,2002:float", text)
+
+
+def _list(dumper: yaml.SafeDumper, value: list[Any]) -> Any:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
+
+
+_Dumper.add_representer(float, _float)
+_Dumper.add_representer(list, _list)
+_Dumper.ignore_aliases = lambda self, data: True
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if not isinstance(value, list | tuple):
+        return value
+    if {type(v) for v in value} == {int, float}:
+        return [float(v) for v in value]
+    return [_plain(v) for v in value]
 
 
 def _read_text(path: Path) -> str:

@@ -14,11 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
 from auv_lse_common.mission_file.goals import finds_method, with_method
-from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parameter_text, parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig, check_origin
@@ -186,39 +184,7 @@ class Settings(TeamSections):
             "# A complete mission: every parameter with its value, defaults included.",
             "# Accepted by ros2 run --ros-args --params-file, the launch files and auv_lse mission.",
         ]
-        body = {pattern: {"ros__parameters": _plain(values)} for pattern, values in self.to_patterns().items()}
-        text: str = yaml.dump(body, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=110)
-        return "\n".join([*lines, text])
-
-
-class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml has no types
-    """Writes floats that YAML 1.1, and so ROS, reads as floats: 1.0e-05 instead of 1e-05."""
-
-
-def _float(dumper: yaml.SafeDumper, value: float) -> Any:
-    text = repr(value)
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        sign = exponent if exponent[0] in "+-" else "+" + exponent
-        text = f"{mantissa if '.' in mantissa else mantissa + '.0'}e{sign}"
-    return dumper.represent_scalar("tag:yaml.org,2002:float", text)
-
-
-def _list(dumper: yaml.SafeDumper, value: list[Any]) -> Any:
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
-
-
-_Dumper.add_representer(float, _float)
-_Dumper.add_representer(list, _list)
-_Dumper.ignore_aliases = lambda self, data: True  # ROS does not read YAML aliases
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return value
+        return "\n".join([*lines, parameter_text(self.to_patterns())])
 
 
 def _vehicle_sections(parameters: Mapping[str, Any], where: str) -> VehicleSections:

@@ -14,9 +14,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parameter_text, parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, flatten, merge, section
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
@@ -139,13 +137,10 @@ def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record:
     if lockstep and not sim.get("lockstep", False):
         # Nodes read lockstep from their own parameters, where its default is false.
         patterns = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
-    text = file.read_text()
-    is_changed = patterns != parse_parameters(text, str(file))  # lockstep, or positions in degrees
-    if is_changed:
-        text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
-    if (is_changed or not simulated) and hasattr(os, "memfd_create"):
+    text = parameter_text(patterns)  # in metres, and without YAML that ROS cannot read
+    if hasattr(os, "memfd_create"):
         file = _in_memory(text)
-    elif is_changed:
+    else:
         file = out / "mission.yaml"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
