@@ -34,7 +34,6 @@ setup(
     install_requires=[
         "mcap",
         "numpy>=1.26",
-        "pyyaml",
         "rosbags",
         sibling("auv_lse_common"),
     ]
