@@ -1,7 +1,9 @@
 """Reads and writes ROS 2 parameter files: node patterns, and the parameters of a node."""
 
+import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +97,26 @@ def parameter_text(patterns: Mapping[str, Mapping[str, Any]]) -> str:
         body, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )
     return text
+
+
+def readable_by_ros(arguments: Sequence[str]) -> list[str]:
+    """A node's command line, each parameter file replaced by one in memory that ROS's YAML parser can read.
+
+    Raises:
+        ParameterError: if a file cannot be read here either.
+    """
+    result = list(arguments)
+    for number, (option, path) in enumerate(pairwise(arguments), 1):
+        if option == "--params-file" and hasattr(os, "memfd_create"):
+            result[number] = str(file_in_memory(parameter_text(read_parameter_file(path))))
+    return result
+
+
+def file_in_memory(text: str) -> Path:
+    """A parameter file in memory for as long as this process runs: a node must start although the disk is full."""
+    file = os.memfd_create("mission.yaml")
+    os.write(file, text.encode())
+    return Path(f"/proc/{os.getpid()}/fd/{file}")
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml has no types

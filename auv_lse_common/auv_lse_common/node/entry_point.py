@@ -14,9 +14,11 @@ from dataclasses import dataclass
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from auv_lse_common.mission_file.parameter_file import readable_by_ros
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.executable import handle_signals, leave
 from auv_lse_common.node.executor import make_executor
@@ -146,6 +148,18 @@ class Main:
         return code
 
 
+def _begin_ros(arguments: Sequence[str]) -> None:
+    """Initializes ROS; its YAML parser refuses much that a mission file may hold, which is then rewritten for it."""
+    try:
+        rclpy.init(args=init_arguments(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.RCLError:
+        if "--params-file" not in arguments:
+            raise
+        readable = readable_by_ros(arguments)
+        rclpy.init(args=init_arguments(readable), signal_handler_options=SignalHandlerOptions.NO)
+        print("the parameter file was rewritten for ROS, whose YAML parser cannot read it", file=sys.stderr, flush=True)
+
+
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     # A script in the background ignores SIGINT, and its children inherit that; restore the signal.
     stopping = Stopping()
@@ -153,10 +167,10 @@ def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     try:
         refuse_mixture()
         confine()
-    except ValueError as error:
+        _begin_ros(arguments)
+    except (ValueError, rclpy_implementation.RCLError) as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return 2
-    rclpy.init(args=init_arguments(arguments), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []
     try:
         try:

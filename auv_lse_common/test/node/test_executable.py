@@ -50,6 +50,36 @@ def test_sigint_during_the_start_leaves_no_traceback(tmp_path: Path) -> None:
         assert "Traceback" not in output
 
 
+@pytest.mark.parametrize(
+    ("polygon", "code", "shown"),
+    [
+        ("[0, 0, 600.5, 0, 600, 700]", 0, "ready after"),
+        ("[0, 0, 600.5, 0, 600, 700", 2, "error: {file}: not valid YAML: line 4"),
+    ],
+)
+def test_a_parameter_file_that_ros_cannot_read_is_rewritten_or_refused(
+    tmp_path: Path, polygon: str, code: int, shown: str
+) -> None:
+    """ROS's YAML parser takes no list of whole numbers and decimals."""
+    script, file = tmp_path / "safety_node", tmp_path / "vehicles.yaml"
+    script.write_text(_NODE)
+    file.write_text(f"/**:\n  ros__parameters:\n    mission: {{vehicles: 1}}\n    area: {{polygon_m: {polygon}}}\n")
+    command = [sys.executable, str(script), "--ros-args", "--params-file", str(file), "-r", "__ns:=/auv1"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    process = subprocess.Popen(command, env={**os.environ, "ROS_DOMAIN_ID": "80"}, **pipes)
+    assert process.stdout is not None
+    wanted = shown.format(file=file)
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if wanted in line:
+            process.send_signal(signal.SIGINT)
+            break
+    process.communicate(timeout=30)
+    assert wanted in "".join(lines)
+    assert process.returncode == code
+
+
 @pytest.mark.parametrize(("name", "given", "threads"), [("a_node", None, "1"), ("a_node", "2", "2"), ("x", None, None)])
 def test_a_nodes_linear_algebra_runs_on_one_thread(
     tmp_path: Path, name: str, given: str | None, threads: str | None

@@ -14,7 +14,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameter_file import parameter_text, parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import (
+    file_in_memory,
+    parameter_text,
+    parameters_for,
+    read_parameter_file,
+)
 from auv_lse_common.mission_file.parameters import ParameterError, flatten, merge, section
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
@@ -139,7 +144,7 @@ def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record:
         patterns = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
     text = parameter_text(patterns)  # in metres, and without YAML that ROS cannot read
     if hasattr(os, "memfd_create"):
-        file = _in_memory(text)
+        file = file_in_memory(text)
     else:
         file = out / "mission.yaml"
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -261,13 +266,6 @@ def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any
     if not isinstance(found, dict):
         raise ParameterError(f"{file}: {name} must be a mapping of parameters, not {found!r}")
     return found
-
-
-def _in_memory(text: str) -> Path:
-    """A file in memory for as long as this process runs: a node must start although the disk is full or gone."""
-    file = os.memfd_create("mission.yaml")
-    os.write(file, text.encode())
-    return Path(f"/proc/{os.getpid()}/fd/{file}")
 
 
 def parser() -> argparse.ArgumentParser:
