@@ -22,7 +22,7 @@ def progress_display() -> Iterator[Callable[[CampaignState], None]]:
             done = state.before + state.done
             if time.monotonic() - last[0] > 10.0 or done == state.total:
                 last[0] = time.monotonic()
-                print(f"{state.progress}, {state.failed} failed, {duration(state.left_s)} left", flush=True)
+                print(f"{state.progress}, {state.failed} failed, {left(state)}", flush=True)
 
         yield line
         return
@@ -34,11 +34,16 @@ def progress_display() -> Iterator[Callable[[CampaignState], None]]:
 
         def bar(state: CampaignState) -> None:
             failed = f", {state.failed} failed" if state.failed else ""
-            text = f"{duration(state.left_s)} left{failed}"
+            text = f"{left(state)}{failed}"
             done = state.before + state.done
             bars.update(task, description=state.progress, total=state.total, completed=done, left=text)
 
         yield bar
+
+
+def left(state: CampaignState) -> str:
+    """The time left, or why it is unknown."""
+    return f"{duration(state.left_s)} left" if state.threads else "waiting: the cluster has no worker"
 
 
 def duration(seconds: float) -> str:

@@ -24,6 +24,8 @@ from auv_lse_shore.campaign.spec import CampaignSpec, Job
 
 #: Missions submitted beyond one per thread of the cluster, as a share of the threads (at least one).
 AHEAD = 0.25
+#: Period (s) of a look at the cluster while no mission ends.
+_LOOK_S = 5.0
 
 
 @dataclasses.dataclass(slots=True, kw_only=True)
@@ -35,7 +37,7 @@ class CampaignState:
         before: Missions with a row from an earlier run.
         done: Missions simulated in this run, failed ones included.
         failed: Missions that failed, in this run or in an earlier one.
-        threads: Missions that the cluster simulates at once.
+        threads: Missions that the cluster simulates at once; 0: it has no worker now.
         elapsed_s: Wall-clock time since the first was submitted.
         busy_s: Sum of the missions' wall-clock times.
         left_s: Estimate of the time left, at most that of the budget; NaN before the first mission ended.
@@ -62,7 +64,8 @@ class CampaignState:
     @property
     def efficiency(self) -> float:
         """Share of the cluster's time spent on missions."""
-        return self.busy_s / (self.elapsed_s * self.threads) if self.elapsed_s > 0.0 else float("nan")
+        spent_s = self.elapsed_s * self.threads
+        return self.busy_s / spent_s if spent_s > 0.0 else float("nan")
 
 
 def run_campaign(
@@ -85,34 +88,29 @@ def run_campaign(
         ParameterError: if a setting cannot be used; before anything is simulated.
         CampaignError: if the cluster is gone.
     """
-    from distributed import as_completed
-
     jobs = spec.jobs()
     rows = Rows(folder, columns_of(spec))
     statuses = rows.statuses()
     todo = [job for job in jobs if statuses.get(job.id) not in (("ok",) if retry_failed else ("ok", "failed"))]
     if todo and len(todo) < len(jobs):
         _report_versions(rows_of(spec, rows.read()))
-    threads = max(sum(client.nthreads().values()), 1)
-    state = CampaignState(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
+    state = CampaignState(total=len(jobs), before=len(jobs) - len(todo))
     state.failed = sum(statuses.get(job.id) == "failed" for job in jobs)
     state.limited = math.isfinite(budget_s)
     queue = _Queue(todo, client, state, budget_s, {name for name, status in statuses.items() if status == "failed"})
     with lost_cluster_is_an_error():
-        first = [queue.submit() for _ in range(threads + max(1, int(AHEAD * threads)))]
-        submitted = as_completed([future for future in first if future is not None])
-        for future in submitted:
-            rows.write(queue.take(future))
-            following = queue.submit()
-            if following is not None:
-                submitted.add(following)
-            if progress is not None:
+        while queue.fill():
+            for future in queue.finished():
+                rows.write(queue.take(future))
+                if progress is not None:
+                    progress(state)
+            if not state.threads and progress is not None:
                 progress(state)
     return state
 
 
 class _Queue:
-    """Submits missions to the cluster one by one, and keeps the state of the campaign."""
+    """Keeps the cluster busy with missions, however many workers it has at the time, and the state of the campaign."""
 
     def __init__(
         self, todo: Sequence[Job], client: Any, state: CampaignState, budget_s: float, failed: Set[str] = frozenset()
@@ -120,23 +118,37 @@ class _Queue:
         """Args: failed: ids of missions that failed earlier."""
         self._todo, self._client, self._state, self._budget_s = todo, client, state, budget_s
         self._failed = failed
-        self._waiting, self._running = iter(todo), dict[str, Job]()
+        self._waiting, self._running = iter(todo), dict[Any, Job]()
         self._began = time.monotonic()
         self._busy: dict[str, list[float]] = {}
 
-    def submit(self) -> Any:
-        """The future of the next mission; None if there is none, or it would probably exceed the budget."""
+    def fill(self) -> bool:
+        """Submits missions for all threads and some ahead, unless they would probably exceed the budget.
+
+        Returns:
+            Whether any is under way.
+        """
+        threads = self._state.threads = sum(self._client.nthreads().values())
         usual = self._state.busy_s / self._state.done if self._state.done else 0.0
-        job = next(self._waiting, None) if time.monotonic() - self._began + usual < self._budget_s else None
-        if job is None:
-            return None
-        future = self._client.submit(mission_row, job, key=f"mission-{job.id}-{time.time_ns()}", pure=False)
-        self._running[future.key] = job
-        return future
+        while len(self._running) < threads + max(1, int(AHEAD * threads)):
+            job = next(self._waiting, None) if time.monotonic() - self._began + usual < self._budget_s else None
+            if job is None:
+                break
+            future = self._client.submit(mission_row, job, key=f"mission-{job.id}-{time.time_ns()}", pure=False)
+            self._running[future] = job
+        return bool(self._running)
+
+    def finished(self) -> list[Any]:
+        """The futures that have finished; waits a while for the first."""
+        from distributed import wait
+
+        with contextlib.suppress(TimeoutError):
+            wait(list(self._running), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+        return [future for future in self._running if future.done()]
 
     def take(self, future: Any) -> dict[str, Any]:
         """The row of a finished future, which is released; the state counts it."""
-        state, job = self._state, self._running.pop(future.key)
+        state, job = self._state, self._running.pop(future)
         row = _finished_row(future, job)
         busy_s = row.get("busy_s") or 0.0
         state.done += 1
@@ -154,7 +166,7 @@ class _Queue:
         done = [value for values in self._busy.values() for value in values]
         means = {group: sum(values) / len(values) for group, values in self._busy.items()}
         total = sum(means.get(job.group, sum(done) / len(done)) for job in self._todo)
-        estimate_s = max(total - sum(done), 0.0) / self._state.threads if len(done) < len(self._todo) else 0.0
+        estimate_s = max(total - sum(done), 0.0) / max(self._state.threads, 1) if len(done) < len(self._todo) else 0.0
         return max(min(estimate_s, self._budget_s - self._state.elapsed_s), 0.0)
 
 

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from auv_lse_shore.campaign.progress_display import duration
+from auv_lse_shore.campaign.progress_display import duration, left
 from auv_lse_shore.campaign.runner import CampaignState, _Queue
 from auv_lse_shore.campaign.spec import Job
 
@@ -32,7 +32,39 @@ def test_the_time_left_is_at_most_that_of_the_budget(budget_s, left_s):
     jobs = [Job(id=str(i), group="g", varied={}, seed=i, patterns={}) for i in range(400)]
     state = CampaignState(total=400, before=0, limited=budget_s < 1e9)
     queue = _Queue(jobs, None, state, budget_s)
-    queue._running["k"], queue._began = jobs[0], time.monotonic()
-    queue.take(_Finished())
+    ended = _Finished()
+    queue._running[ended], queue._began = jobs[0], time.monotonic()
+    queue.take(ended)
     assert state.left_s == pytest.approx(left_s, abs=1.0)
     assert state.progress == f"1 of {'up to ' if state.limited else ''}400 missions"
+
+
+class _Cluster:
+    """A client whose cluster has `threads` by worker."""
+
+    def __init__(self):
+        self.threads = {}
+        self.submitted = 0
+
+    def nthreads(self):
+        return self.threads
+
+    def submit(self, *args, **options):
+        self.submitted += 1
+        return object()
+
+
+def test_a_cluster_that_grows_and_shrinks_is_kept_busy_and_shown():
+    jobs = [Job(id=str(i), group="g", varied={}, seed=i, patterns={}) for i in range(20)]
+    state, cluster = CampaignState(total=20, before=0, left_s=54.0), _Cluster()
+    queue = _Queue(jobs, cluster, state, float("inf"))
+    for threads, submitted, shown in (
+        ({}, 1, "waiting: the cluster has no worker"),
+        ({"a": 4}, 5, "54 s left"),
+        ({"a": 4, "b": 8}, 15, "54 s left"),
+        ({"b": 8}, 15, "54 s left"),
+        ({}, 15, "waiting: the cluster has no worker"),
+    ):
+        cluster.threads = threads
+        assert queue.fill()
+        assert (cluster.submitted, left(state)) == (submitted, shown)
