@@ -30,6 +30,9 @@ _DEPTHS = (
     *(f"safety.{name}" for name in ("max_depth_m", "depth_response", "min_altitude_m", "altitude_response")),
 )
 
+#: Water that a vehicle has to spare over the isobath, as a share of the level, below which the isobath is its limit.
+EDGE_SHARE = 0.1
+
 
 def check_geometry(settings: Settings, findings: Findings) -> Settings:
     """Checks starts, lanes, depths, origin, and whether vehicles can reach the area and cross the isobath.
@@ -244,6 +247,11 @@ def _check_own_depth(number: int, own: VehicleSections, level_m: float, findings
         findings.warning(
             f"auv{number}: {text} = {needed_m:g} m of water are too much to cross the isobath; stay below "
             f"level_set.level_m ({level_m:g} m)"
+        )
+    elif needed_m > (most_m := (1.0 - EDGE_SHARE) * level_m):
+        findings.warning(
+            f"auv{number}: {text} = {needed_m:g} m of water are hardly less than level_set.level_m ({level_m:g} m): "
+            f"the isobath is the edge of what it can reach, seen from one side. Stay below {most_m:g} m"
         )
 
 

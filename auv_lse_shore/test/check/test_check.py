@@ -250,6 +250,12 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
         ),
         (
             {},
+            {"vehicle": {"depth_m": 11.0}},
+            "warning",
+            r"auv2: vehicle.depth_m 11 \+ vehicle.min_water_m 3 = 14 m of water are hardly .* below 13.5 m$",
+        ),
+        (
+            {},
             {"safety": {"min_altitude_m": 14.0}},
             "warning",
             r"auv2: 1 m, to which it climbs, \+ safety.min_altitude_m 14 ",

@@ -132,6 +132,8 @@ def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run, monkeypatch):
     missed = judged(synthetic_run, "tour", risk_after=2.0, mowing_risk=1.6, map_bound_kept=False)
     assert "the mission ended 25 % above it. The bound is an expectation over all lakes" in text_of(missed)
     assert "lawnmower bound 1.600: not met" in headlines(missed.summary, 30)[3]
+    nowhere = dataclasses.replace(met.summary, risk_before=0.0)  # the level does not occur
+    assert "bound" not in headlines(nowhere, 30)[3]
 
     run = synthetic_run(steps=6)
     run.vehicles = run.vehicles[:1]
