@@ -12,7 +12,8 @@ _UP = re.compile(r"\b(elevations?|altitudes?|heights?|dem|dtm|dsm|topo|topograph
 #: Quantities beside depths in bathymetry files.
 _OTHER = re.compile(
     r"\b(uncertainty|std|stddev|deviation|error|tvu|thu|quality|tid|count|density|hits|intensity|backscatter|slope"
-    r"|aspect|hillshade|shade|mask|flag|time|temperature)\b"
+    r"|aspect|hillshade|shade|curvature|roughness|rugosity|mask|flag|time|temperature|salinity|turbidity|chlorophyll"
+    r"|oxygen|pressure|speed|velocity|percent|percentage|fraction|share|ratio|probability)\b"
 )
 
 

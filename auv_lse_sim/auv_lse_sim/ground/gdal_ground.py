@@ -189,7 +189,7 @@ def _ground(
     band, notes = _band(data, path)
     notes = [*about, *notes]
     said, crs = _meaning(data, band, path)
-    _check_no_picture(data, band, said, path, config)
+    _check_are_depths(data, band, said, path, config)
     transform = data.transform
     if transform.b or transform.d or not transform.a or not transform.e:
         raise GroundError(f"{path}: it is rotated (transform {tuple(transform)[:6]}). Make it north-up with gdalwarp")
@@ -393,7 +393,8 @@ def _meaning(data: Any, band: int, path: Path) -> tuple[Meaning, str | None]:
     """The meaning of a band's values, and the horizontal CRS as WKT."""
     tags = {key.lower(): value for key, value in data.tags(band).items()}
     texts = {key: tags.get(key, "") for key in ("positive", "standard_name", "long_name")}
-    texts |= {"name": tags.get("netcdf_varname", ""), "description": data.descriptions[band - 1] or ""}
+    name = tags.get("netcdf_varname", "").removeprefix("__xarray_dataarray_variable__")  # of a variable without one
+    texts |= {"name": name, "description": data.descriptions[band - 1] or ""}
     unit = data.units[band - 1] or tags.get("units", "") or tags.get("unittype", "")
     crs = data.crs.to_wkt() if data.crs else None
     horizontal, vertical = _split(crs)
@@ -419,8 +420,8 @@ def _split(crs: str | None) -> tuple[str | None, tuple[bool, float] | None]:
     return horizontal.to_wkt(), (axis.direction == "up", float(axis.unit_conversion_factor or 1.0))
 
 
-def _check_no_picture(data: Any, band: int, said: Meaning, path: Path, config: BathymetryConfig) -> None:
-    """Refuses pictures: colors, and 8-bit values that nothing describes."""
+def _check_are_depths(data: Any, band: int, said: Meaning, path: Path, config: BathymetryConfig) -> None:
+    """Refuses pictures (colors, and 8-bit values that nothing describes) and, by the file's name, other quantities."""
     colors = sorted({color.name for color in data.colorinterp} & set(_COLORS))
     if data.colorinterp[band - 1].name in _COLORS or {"red", "green", "blue"} <= set(colors):
         raise GroundError(f"{path} is a picture (bands {', '.join(colors)}), not depths. Export the depths themselves")
@@ -429,6 +430,11 @@ def _check_no_picture(data: Any, band: int, said: Meaning, path: Path, config: B
         raise GroundError(
             f"{path}: its values are whole numbers from 0 to 255, as in a picture. If these are depths in metres, "
             f"say so: {SIGN_FLAGS}"
+        )
+    if said.is_undescribed and is_other(path.stem) and config.depth_sign == "auto" and config.water_level_m is None:
+        raise GroundError(
+            f"{path}: its name is that of another quantity, and nothing in it describes the values. If these are "
+            f"depths in metres, say so: {SIGN_FLAGS}"
         )
 
 

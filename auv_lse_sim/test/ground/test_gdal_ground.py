@@ -151,6 +151,13 @@ def test_the_band_of_depths_is_used_and_named(tmp_path):
         load_ground(tif(tmp_path / "h.tif", [uncertainty, uncertainty], names=["uncertainty", "slope"]))
 
 
+def test_a_file_named_after_another_quantity_is_refused(tmp_path):
+    share = np.clip(DEPTH, 0, 100)
+    with pytest.raises(GroundError, match=r"Water_percentage\.tif: its name is that of another quantity, .* --depths"):
+        load_ground(tif(tmp_path / "Water_percentage.tif", share))
+    assert load_ground(tif(tmp_path / "speed.tif", share, names=["depth"])).describe()
+
+
 def test_a_picture_is_refused(tmp_path):
     shade = np.clip(DEPTH * 8.0, 0, 255).astype("uint8")
     with pytest.raises(GroundError, match="is a picture"):
