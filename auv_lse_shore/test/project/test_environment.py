@@ -52,6 +52,11 @@ def test_a_failed_set_up_leaves_a_persons_shell_open_and_stops_a_script(tmp_path
     assert (process.stdout, process.returncode) == ("", 3)
 
 
+def test_the_home_of_another_python_is_forgotten(tmp_path: Path) -> None:
+    process = shell(tmp_path / "p", '. scripts/environment.sh; echo "[${PYTHONHOME:-}]"', PYTHONHOME="/nonexistent")
+    assert process.stdout == "[]\n"
+
+
 def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: Path) -> None:
     script = '. scripts/environment.sh && use_environment && use_environment; echo "$PYTHONPATH"'
     ros = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/jazzy", "PYTHONPATH": "/opt/ros/jazzy/lib"}
