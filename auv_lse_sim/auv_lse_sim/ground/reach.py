@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea, free_m2, unreachable_m2
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.support.arrays import Mask
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.plurals import area_size
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
@@ -95,29 +95,30 @@ def _percent(share: float) -> str:
 
 def _rings(space: FreeSpace, part: UnreachedPart) -> list[shapely.LinearRing]:
     """Outlines (east, north) of a part that together cover it; one that surrounds other water is cut in two."""
-    inside = space.area_raster > -space.margin_m
-    nodes = part.nodes | (ndimage.binary_dilation(part.nodes) & ~inside)  # no sliver along the shore
+    used = [np.flatnonzero(part.nodes.any(axis=axis)) for axis in (1, 0)]
+    window = tuple(slice(max(int(along[0]) - 2, 0), int(along[-1]) + 3) for along in used)
+    own, inside = part.nodes[window], space.area_raster[window] > -space.margin_m
+    nodes = own | (ndimage.binary_dilation(own) & ~inside)  # no sliver along the shore
     padded = np.pad(nodes.astype(float), 1)
-    north = space.north0_m + space.cell_m * (np.arange(len(padded)) - 1.0)
-    east = space.east0_m + space.cell_m * (np.arange(len(padded[0])) - 1.0)
+    first = [side.start - 1.0 for side in window]
+    north = space.north0_m + space.cell_m * (np.arange(len(padded)) + first[0])
+    east = space.east0_m + space.cell_m * (np.arange(len(padded[0])) + first[1])
     lines = contour_generator(east, north, padded).lines(0.5)
     shapes = [shapely.Polygon(line) for line in lines if len(line) >= 4]
     outer = max(shapes, key=lambda ring: ring.area)
-    other_water = inside & ~part.nodes
-    holes = [s for s in shapes if s is not outer and outer.contains(s) and _holds(space, s, other_water)]
+    water = np.argwhere(inside & ~own)  # other water
+    other_m = np.column_stack([north[water[:, 0] + 1], east[water[:, 1] + 1]])
+    holes = [s for s in shapes if s is not outer and outer.contains(s) and _holds(s, other_m)]
     tolerance_m = TOLERANCE_NODES * space.cell_m
     shape = shapely.Polygon(outer.exterior, [hole.exterior for hole in holes]).simplify(tolerance_m)
     return [piece.exterior for piece in _without_holes(shape.buffer(tolerance_m, join_style="mitre"))]
 
 
-def _holds(space: FreeSpace, ring: shapely.Polygon, water: Mask) -> bool:
-    """Whether any water lies in a ring."""
-    bounds_m = np.array(ring.bounds).reshape(2, 2)[:, ::-1]  # rows: lowest and highest north, east
-    nodes = (bounds_m - (space.north0_m, space.east0_m)) / space.cell_m
-    (row, column), (last_row, last_column) = np.floor(nodes).astype(int).clip(min=0)
-    rows, columns = np.nonzero(water[row : last_row + 2, column : last_column + 2])
-    east, north = space.east0_m + space.cell_m * (columns + column), space.north0_m + space.cell_m * (rows + row)
-    return bool(shapely.contains_xy(ring, east, north).any())
+def _holds(ring: shapely.Polygon, locations_m: Array) -> bool:
+    """Whether any of the locations (n, 2) lies in a ring."""
+    west, south, east, north = ring.bounds
+    near = locations_m[np.all((locations_m >= (south, west)) & (locations_m <= (north, east)), axis=1)]
+    return bool(shapely.contains_xy(ring, near[:, 1], near[:, 0]).any())
 
 
 def _without_holes(shape: shapely.Polygon) -> list[shapely.Polygon]:
