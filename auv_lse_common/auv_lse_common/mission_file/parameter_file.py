@@ -90,7 +90,7 @@ def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict
 def parameter_text(patterns: Mapping[str, Mapping[str, Any]]) -> str:
     """The text of a ROS 2 parameter file, with nothing that ROS's YAML parser cannot read.
 
-    It knows no aliases, reads 1e-05 as a text and refuses a list of integers and floats.
+    That one knows no aliases, and refuses a list of integers and floats, and URLs in braces without quotes.
     """
     body = {pattern: {"ros__parameters": _plain(values)} for pattern, values in patterns.items()}
     text: str = yaml.dump(
@@ -120,7 +120,7 @@ def file_in_memory(text: str) -> Path:
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml has no types
-    """Writes floats that YAML 1.1, and so ROS, reads as floats: 1.0e-05 instead of 1e-05."""
+    """Writes floats that YAML 1.1 reads as floats: 1.0e-05 instead of 1e-05."""
 
 
 def _float(dumper: yaml.SafeDumper, value: float) -> Any:
