@@ -79,7 +79,8 @@ ROLES: dict[str, tuple[str, ...]] = {
     "depth_unit": UNIT_NAMES,
     "elevation": (
         "elevation", "elev", "bedelevation", "bottomelevation", "lakebedelevation", "bedlevel", "bottomlevel",
-        "seafloorelevation", "sohlhoehe", "sohlhöhe",
+        "seafloorelevation", "elevationbottom", "bottomelev", "elevbottom", "bedelev", "seabedelevation", "sohlhoehe",
+        "sohlhöhe",
     ),
     "datetime": (
         "datetime", "datetimeutc", "utcdatetime", "timestamp", "timeutc", "utctime", "timestamputc", "time", "caltime",
