@@ -33,6 +33,11 @@ _OTHERS = (
     (rb"BR[\s\S]{2}\x0a\x00", 0, "a sonar recording of SonarView (.svlog)"),
     (rb"\xc3\x40{1,2}\xf1", 0, "a recording of a sub-bottom profiler (SEG-Y)"),
     (rb"LASF[\s\S]{20}\x01", 0, "a point cloud (LAS)"),
+    (rb"\x01\x16[\x0a-\x1f]", 0, "a sonar recording of EdgeTech (JSF)"),
+    (rb"\xb5\x62[\x01\x02]", 0, "a recording of a u-blox receiver (UBX)"),
+    (rb"\d{5}[123]LE1", 0, "an electronic chart (S-57)"),
+    (rb"QGC WPL \d", 0, "a mission of QGroundControl"),
+    (rb"%PDF-\d", 0, "a PDF"),
     (rb"\s*<(\?xml|!DOCTYPE|html|kml)", 0, "XML or a web page"),
     (rb"\s*(\{\s*[\"}]|\[\s*[\[{])", 0, "JSON in another form than crowdsourced bathymetry"),
 )
