@@ -32,7 +32,7 @@ from auv_lse_msgs.srv import RunMission
 from auv_lse_sim.engine.conversions import checked_leg, status_report
 from auv_lse_sim.engine.parameter_file import parameter_file
 from auv_lse_sim.engine.sim_topics_node import VehicleTopics
-from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
+from auv_lse_sim.engine.simulation import STALLED_S, MissionState, Simulation, Speed
 from auv_lse_sim.ground.ground_source import ground_of
 
 #: Minimum time (s of wall clock) between two statuses that differ only in numbers.
@@ -142,10 +142,13 @@ class SimNode(BaseNode):
 
     def _watch(self) -> None:
         """Lockstep: reports nodes that do not answer."""
-        stalled = self._sim.stalled(time.monotonic() - self._waiting_since_s)
-        if stalled:
-            self._publish_status(MissionState.FAILED, stalled)
+        waited_s = time.monotonic() - self._waiting_since_s
+        silence = self._sim.silence(waited_s)
+        if silence and waited_s > STALLED_S:
+            self._publish_status(MissionState.FAILED, silence)
             self._waiting_since_s = time.monotonic()
+        elif silence:
+            self._publish_status(self._sim.state, silence)
 
     def _publish_status(self, state: MissionState, message: str) -> None:
         """Publishes the status if its state or message is new, or after `_STATUS_PERIOD_S`."""

@@ -21,8 +21,8 @@ from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.world import VehicleOutput, World
 
-#: In lockstep, a tick without an answer fails after this wall-clock time (s).
-STALLED_S = 60.0
+#: In lockstep, a missing answer is named after this wall-clock time (s), and ends the mission after the second one.
+QUIET_S, STALLED_S = 15.0, 60.0
 #: Up to this simulated time (s) in which all vehicles wait or hold does not count towards the mission's time limit.
 MAX_HELD_S = 6.0 * 3600.0
 #: In lockstep, which may run unattended, a mission fails when every vehicle has waited or held for this simulated time
@@ -238,14 +238,14 @@ class Simulation:
         if k in self.links.autopilots:
             self.links.report(k, self.now_s, output)
 
-    def stalled(self, waited_s: float) -> str:
-        """Lockstep: the answers still missing after `waited_s` (s of wall clock); "" before `STALLED_S`."""
-        if self.tick == 0 or self.state is MissionState.FINISHED or waited_s <= STALLED_S:
+    def silence(self, waited_s: float) -> str:
+        """Lockstep: the answers still missing after `waited_s` (s of wall clock); "" before `QUIET_S`."""
+        if self.tick == 0 or self.state is MissionState.FINISHED or waited_s <= QUIET_S:
             return ""
         missing = [f"{name}: {count}" for name, count in self._gate.missing().items()]
         if self._recorder_behind():
             missing.append(f"recorder: tick {self._recorded_tick} of {self.tick}")
-        return f"tick {self.tick}: no answer for {STALLED_S:.0f} s; missing {', '.join(missing)}"
+        return f"tick {self.tick}: no answer for {waited_s:.0f} s; missing {', '.join(missing)}"
 
     def _count(self, k: int, output: VehicleOutput) -> None:
         i = k - 1

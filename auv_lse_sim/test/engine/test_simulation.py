@@ -51,9 +51,9 @@ def test_a_tick_waits_for_the_waypoints_and_packets_that_are_announced() -> None
     assert sim.soundings == [len(outputs[1].soundings)]
     assert not sim.ready()
     handle(sim, 1, waypoints=1, packets=1)
-    assert sim.stalled(59.0) == ""
+    assert sim.silence(14.0) == ""
     missing = "packets of auv1: 0 of 1, waypoints of auv1: 0 of 1"
-    assert sim.stalled(61.0) == f"tick 1: no answer for 60 s; missing {missing}"
+    assert sim.silence(61.0) == f"tick 1: no answer for 61 s; missing {missing}"
     sim.take_packet(1, 1.0, PAYLOAD)
     assert not sim.ready()
     sim.take_waypoint(1, None)  # one that cannot be used counts as well
@@ -84,13 +84,13 @@ def test_the_mission_ends_once_the_recorder_has_its_last_tick() -> None:
     sim.take_recorded(4)
     assert sim.finished
     assert not sim.ready(), "the end of the recording would be lost"
-    assert sim.stalled(59.0) == ""
-    assert sim.stalled(61.0) == "tick 5: no answer for 60 s; missing recorder: tick 4 of 5"
+    assert sim.silence(14.0) == ""
+    assert sim.silence(16.0) == "tick 5: no answer for 16 s; missing recorder: tick 4 of 5"
     sim.take_recorded(5)
     assert sim.ready()
     assert sim.advance() == {}
     assert sim.state is MissionState.FINISHED
-    assert sim.stalled(61.0) == ""
+    assert sim.silence(61.0) == ""
 
 
 def test_the_mission_ends_when_every_planner_is_finished_and_every_end_is_reported() -> None:
