@@ -30,8 +30,9 @@ _DEPTHS = (
     *(f"safety.{name}" for name in ("max_depth_m", "depth_response", "min_altitude_m", "altitude_response")),
 )
 
-#: Water that a vehicle has to spare over the isobath, as a share of the level, below which the isobath is its limit.
-EDGE_SHARE = 0.1
+#: Water that a vehicle has to spare over the isobath, as a share of the level and in metres, below which the isobath is
+#: the edge of what it reaches.
+EDGE_SHARE, EDGE_M = 0.1, 1.0
 
 
 def check_geometry(settings: Settings, findings: Findings) -> Settings:
@@ -248,7 +249,7 @@ def _check_own_depth(number: int, own: VehicleSections, level_m: float, findings
             f"auv{number}: {text} = {needed_m:g} m of water are too much to cross the isobath; stay below "
             f"level_set.level_m ({level_m:g} m)"
         )
-    elif needed_m > (most_m := (1.0 - EDGE_SHARE) * level_m):
+    elif needed_m > (most_m := level_m - min(EDGE_SHARE * level_m, EDGE_M)):
         findings.warning(
             f"auv{number}: {text} = {needed_m:g} m of water are hardly less than level_set.level_m ({level_m:g} m): "
             f"the isobath is the edge of what it can reach, seen from one side. Stay below {most_m:g} m"

@@ -146,7 +146,7 @@ def _reasons(run: RunData) -> list[str]:
 
 
 def _bound_in_brief(s: Summary) -> str:
-    if s.mowing_risk is None or not s.steps or s.risk_before < 0.0005:  # nothing to gain: the level does not occur
+    if s.mowing_risk is None or not s.steps or s.risk_before < NEGLIGIBLE_LOSS:
         return ""
     if not s.map_bound_promised or s.map_bound_kept is None:
         return f"; a lawnmower was expected to reach {s.mowing_risk:.3f}"
