@@ -48,7 +48,7 @@ REPORTED_PA = 200.0
 ZERO_SAMPLES, MOST_SAMPLES = 5, 40
 #: Number of differences for a first offset, and of those whose median is filtered.
 FIRST_DIFFERENCES, DIFFERENCES = 3, 5
-#: A link has this time (s) from its start to learn the offset: for pressures that come once a second.
+#: A restarted link has this time (s) to learn the offset: for pressures that come once a second.
 SETTLING_S = 8.0
 #: Time constant of the offset (s).
 OFFSET_TIME_S = 5.0
@@ -102,7 +102,7 @@ class DepthGauge:
         self._compared_m = (math.nan, math.nan)  # the last depths compared: the autopilot's own, pressure depth
         self._is_alive = True  # whether the last two pressures differ
         self._waiting_m = math.nan  # pressure depth (m) that awaits the autopilot's own
-        self._pressure_s = self._own_s = self._compared_s = self._started_s = -math.inf
+        self._pressure_s = self._own_s = self._compared_s = self._restored_s = -math.inf
         self._depth_m = self._own_m = self._last_pa = math.nan
 
     # ------------------------------------------------------------------ input
@@ -117,9 +117,9 @@ class DepthGauge:
             self._surfaced.clear()
         self._may_zero, self._has_fix = may_zero, has_fix
 
-    def start(self, now_s: float, zero_pa: float = math.nan) -> None:
-        """Starts at `now_s` (s) with the zero of an earlier process, if there was one."""
-        self.zero_pa, self._started_s = zero_pa, now_s
+    def restore(self, zero_pa: float, now_s: float = -math.inf) -> None:
+        """Continues at `now_s` (s) with the zero of an earlier process; -inf: long ago."""
+        self.zero_pa, self._restored_s = zero_pa, now_s
 
     def own_depth(self, now_s: float, depth_m: float) -> None:
         """Adds the autopilot's own depth (m, positive down) in its own datum."""
@@ -202,9 +202,8 @@ class DepthGauge:
         return self.is_used and math.isnan(self.offset_m) and is_fresh
 
     def problem(self, now_s: float) -> str:
-        """Reason not to trust the depth; "" if there is none, or if the link has just started."""
-        is_settled = self.is_known and not math.isnan(self.zero_pa)
-        if not self.is_used or (not is_settled and now_s - self._started_s <= SETTLING_S):
+        """Reason not to trust the depth; "" if there is none, or if a restarted link is still learning the offset."""
+        if not self.is_used or (not self.is_known and now_s - self._restored_s <= SETTLING_S):
             return ""
         age_s = now_s - self._pressure_s
         if math.isinf(age_s):

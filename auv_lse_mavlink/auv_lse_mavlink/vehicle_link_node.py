@@ -4,7 +4,6 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 
 # isort: split
 
-import math
 import time
 
 from auv_lse_common.mission_file.parameters import ParameterError, section
@@ -49,8 +48,9 @@ class VehicleLinkNode(DriverNode):
         except ValueError as error:
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
-        zeros_pa = [values[0] for kind, *values in self.journal.records if kind == "zero"]
-        self._autopilot.link.gauge.start(self.now_s(), zeros_pa[-1] if zeros_pa else math.nan)
+        for kind, *values in self.journal.records:
+            if kind == "zero":
+                self._autopilot.link.gauge.restore(values[0], self.now_s())
         self._waypoints = 0
         self._disobeys = False  # as last reported
         self._status = self.publisher("autopilot")

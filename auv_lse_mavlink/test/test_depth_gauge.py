@@ -1,6 +1,5 @@
 """Depth from pressure: zero, drift, the offset to the autopilot's own depth, and what makes it untrustworthy."""
 
-import math
 from collections import Counter
 
 import pytest
@@ -262,7 +261,7 @@ def test_a_new_zero_leaves_the_offset_until_there_is_a_new_one():
 
 def test_a_restored_zero_serves_under_water():
     water = Water()
-    water.gauge.start(-math.inf, AIR_PA)
+    water.gauge.restore(AIR_PA)
     water.depth_m = 4.0
     water.wait(5)
     assert water.shown_m == pytest.approx(4.0, abs=0.01)
@@ -271,7 +270,7 @@ def test_a_restored_zero_serves_under_water():
 
 def test_a_restarted_link_has_time_to_learn_the_offset():
     water = Water()
-    water.gauge.start(water.now_s, AIR_PA)
+    water.gauge.restore(AIR_PA, water.now_s)
     water.depth_m = 4.0
     assert (water.problem, water.gauge.is_known) == ("", False), "as yet no pressure has come"
     water.wait(1)
@@ -282,23 +281,13 @@ def test_a_restarted_link_has_time_to_learn_the_offset():
     assert water.problem.startswith("no SCALED_PRESSURE2 for ")
 
 
-@pytest.mark.parametrize("zero_pa", [AIR_PA, math.nan])
-def test_a_started_link_without_pressure_reports_it_after_a_while(zero_pa):
+def test_a_restarted_link_without_pressure_reports_it_after_a_while():
     water = Water()
-    water.gauge.start(water.now_s, zero_pa)
+    water.gauge.restore(AIR_PA, water.now_s)
     water.wait(SETTLING_S, pressure=False)
     assert water.problem == ""
     water.wait(0.5, pressure=False)
     assert water.problem == "no SCALED_PRESSURE2 from the autopilot (link.pressure)"
-
-
-def test_a_started_link_has_time_to_find_the_zero():
-    water = Water()
-    water.gauge.start(water.now_s)
-    water.wait(4)
-    assert (water.problem, water.gauge.is_known) == ("", True)
-    water.wait(SETTLING_S)
-    assert water.problem == "depth has no zero: disarm the vehicle at the surface or on deck"
 
 
 def test_a_vehicle_without_a_pressure_sensor_keeps_the_autopilots_depth():

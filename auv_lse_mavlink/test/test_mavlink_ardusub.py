@@ -149,7 +149,7 @@ def test_one_that_knows_its_target_and_hardly_moves_is_not_restarted():
 
 def test_a_slow_drift_of_its_datum_does_not_restart_its_trajectory():
     sub = under_way(depth_m=3.0, pressure="SCALED_PRESSURE2")
-    sub.link.gauge.start(-math.inf, 101325.0)
+    sub.link.gauge.restore(101325.0)
     sub.run(5.0)
     since_s = sub.elapsed_s
     for _ in range(300):

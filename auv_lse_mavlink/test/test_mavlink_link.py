@@ -164,7 +164,7 @@ def test_an_origin_that_cannot_be_right_is_refused(lat, lon):
 def test_a_tick_does_not_end_before_the_origin_is_known():
     """Otherwise the first tick's position would be discarded, and a mission in lockstep would wait for it forever."""
     pilot = Autopilot()
-    pilot.link.gauge.start(-math.inf, 101325.0)
+    pilot.link.gauge.restore(101325.0)
     pilot.beat()
     assert pilot.link.state is LinkState.UP
     assert pilot.link.gauge.is_ready

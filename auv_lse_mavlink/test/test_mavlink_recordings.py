@@ -44,7 +44,7 @@ class Replay:
 
     def __init__(self, name, command=lambda replay, now_s: None, silent_s=(0.0, 0.0), **values):
         self.link = VehicleLink(LinkConfig(kind="mavlink", **values), 1, ORIGIN)
-        self.link.gauge.start(-math.inf, 101325.0)
+        self.link.gauge.restore(101325.0)
         self.sent, self.reported, self.position = [], [], None
         reader = mavlink.MAVLink(None)
         reader.robust_parsing = True
