@@ -24,6 +24,7 @@ _OTHERS = (
     (rb"\xd0\xcf\x11\xe0", 0, "an Excel workbook"),
     (rb"\.FIT", 8, "a Garmin activity (FIT)"),
     (rb"FTP (NEW|OLD)\b", 0, "a raw file of Hypack"),
+    (rb"\* Sea-Bird\b", 0, "a CTD cast of Sea-Bird, whose depths are the probe's and not the bottom's"),
     (rb"\x7b[\x00-\x08]", 0, "a sonar recording (XTF)"),
     (rb"\x00\x00\x02[1-9A-Za-z]", 2, "a multibeam recording of Kongsberg (.all)"),
     (rb"\x00#[A-Z]{3}[\x00-\x08]", 3, "a multibeam recording of Kongsberg (.kmall)"),

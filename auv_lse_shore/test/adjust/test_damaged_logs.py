@@ -228,6 +228,7 @@ OTHERS = {
     "a.sgy": ("C 1 CLIENT".encode("cp037"), "a recording of a sub-bottom profiler"),
     "a.las": (b"LASF" + 20 * b"\0" + b"\x01\x04", "a point cloud"),
     "a.fit": (b"\x0e\x10\xd9\x07\x00\x00\x00\x00.FIT", "a Garmin activity"),
+    "a.cnv": (b"* Sea-Bird SBE 9 Data File:\n*END*\n 1 47.5 9.2 5.0\n 2 47.6 9.3 5.1\n", "a CTD cast"),
     "a.kml": (b'<?xml version="1.0"?><kml>', "XML"),
     "page.csv": (b"<!DOCTYPE html><html><body>1, 2, 3", "XML"),
     "a.jsonl": (b'{"t": 1, "lat": 46.5}\n{"t": 2, "lat": 46.5}\n', "JSON"),
