@@ -45,8 +45,8 @@ _OTHERS = (
 
 #: How archives begin.
 _ARCHIVE = re.compile(rb"PK\x03\x04|7z\xbc\xaf|Rar!")
-#: How grids begin: (Geo)TIFF, netCDF, HDF5 (BAG, S-102), ESRI ASCII.
-_GRID = re.compile(rb"II[*+]\0|MM\0[*+]|CDF[\x01\x02\x05]|\x89HDF\r\n|(?i:ncols)\s+\d")
+#: How grids begin: (Geo)TIFF, netCDF, HDF5 (BAG, S-102), ESRI ASCII, Surfer.
+_GRID = re.compile(rb"II[*+]\0|MM\0[*+]|CDF[\x01\x02\x05]|\x89HDF\r\n|DS(?:AA\s|BB|RB)|(?i:ncols)\s+\d")
 
 
 def files_of(names: Iterable[Path]) -> tuple[list[Path], bool]:

@@ -186,6 +186,7 @@ GRIDS = {
     "a.bag": b"\x89HDF\r\n\x1a\n",
     "a.nc": b"CDF\x02\0\0",
     "a.asc": b"ncols 3\nnrows 2\n",
+    "surfer.grd": b"DSAA\n4 2\n9.2 9.3\n47.5 47.6\n5 9\n5 6 7 8\n6 7 8 9\n",
 }
 
 
