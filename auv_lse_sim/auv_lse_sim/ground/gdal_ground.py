@@ -431,7 +431,8 @@ def _check_are_depths(data: Any, band: int, said: Meaning, path: Path, config: B
             f"{path}: its values are whole numbers from 0 to 255, as in a picture. If these are depths in metres, "
             f"say so: {SIGN_FLAGS}"
         )
-    if said.is_undescribed and is_other(path.stem) and config.depth_sign == "auto" and config.water_level_m is None:
+    is_named_other = is_other(path.stem) and "bathy" not in path.stem.lower()
+    if said.is_undescribed and is_named_other and config.depth_sign == "auto" and config.water_level_m is None:
         raise GroundError(
             f"{path}: its name is that of another quantity, and nothing in it describes the values. If these are "
             f"depths in metres, say so: {SIGN_FLAGS}"

@@ -156,6 +156,7 @@ def test_a_file_named_after_another_quantity_is_refused(tmp_path):
     with pytest.raises(GroundError, match=r"Water_percentage\.tif: its name is that of another quantity, .* --depths"):
         load_ground(tif(tmp_path / "Water_percentage.tif", share))
     assert load_ground(tif(tmp_path / "speed.tif", share, names=["depth"])).describe()
+    assert load_ground(tif(tmp_path / "bathymetry_mean_time.tif", share - share.min())).describe()
 
 
 def test_a_picture_is_refused(tmp_path):
