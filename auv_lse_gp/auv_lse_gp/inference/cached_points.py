@@ -6,12 +6,12 @@ unchanged rows by their numbers (`Posterior.rows`), which are never reused.
 """
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import CHUNK, Posterior, add_whitened, checked_locations
+from auv_lse_gp.inference.triangular import solve_lower
 
 
 class CachedPoints:
@@ -51,9 +51,7 @@ class CachedPoints:
             white, lower = self._white.rows, posterior.factor.lower
             right = posterior.kernel.of_scaled(posterior.scaled[begin:end], self._scaled)
             right -= lower[begin:end, :begin] @ white[:begin]
-            white[begin:] = solve_triangular(
-                lower[begin:end, begin:end], right, lower=True, check_finite=False, overwrite_b=True
-            )
+            white[begin:] = solve_lower(lower[begin:end, begin:end], right)
             self._rows = posterior.rows[:end]
 
 
@@ -125,7 +123,7 @@ class CachedMoments:
                     np.einsum("rp,rp->p", off, off, out=position_variance[part])
             else:
                 kernel.subtract_weighted(measured[:old], weights, self._scaled[part], rows)
-                rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
+                rows = np.ascontiguousarray(solve_lower(own, rows))
             add_whitened(rows[:kept], residuals[old:settled], self._mean[part], self._variance[part])
             mean[part], variance[part] = self._mean[part], self._variance[part]
             add_whitened(rows[kept:], residuals[settled:new], mean[part], variance[part])

@@ -8,11 +8,12 @@ not change full blocks.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import LinAlgError, blas, cholesky, lapack, solve_triangular
+from scipy.linalg import LinAlgError, blas, lapack
 
 from auv_lse_common.support import compiled
 from auv_lse_common.support.arrays import Array
 from auv_lse_gp.compiled.modules import compiled_gp
+from auv_lse_gp.inference.triangular import cholesky, solve_lower
 
 BLOCK = 128
 
@@ -84,7 +85,7 @@ class Factor:
         # Reject pivots of the size of their rounding error, about n eps k(p, p).
         floor = 4.0 * new * np.finfo(float).eps * float(np.max(np.diag(own)))
         try:
-            corner = cholesky(remainder, lower=True, check_finite=False)
+            corner = cholesky(remainder)
         except LinAlgError:
             corner = None
         if corner is None or not float(np.min(np.diag(corner))) ** 2 > floor:
@@ -113,7 +114,7 @@ class Factor:
         if begin < self.size:
             solved[begin:] -= self._buffer[begin : self.size, :begin] @ solved[:begin]
             own = self._buffer[begin : self.size, begin : self.size]
-            solved[begin:] = solve_triangular(own, solved[begin:], lower=True, check_finite=False)
+            solved[begin:] = solve_lower(own, solved[begin:])
         return solved
 
     def solve_in_place(self, right: Array) -> Array:
@@ -157,9 +158,7 @@ class Factor:
             end = min(begin + BLOCK, n)
             if end < n:
                 solved[begin:end] -= lower[end:, begin:end].T @ solved[end:]
-            solved[begin:end] = solve_triangular(
-                lower[begin:end, begin:end], solved[begin:end], lower=True, trans="T", check_finite=False
-            )
+            solved[begin:end] = solve_lower(lower[begin:end, begin:end], solved[begin:end], transposed=True)
         return solved
 
     def _make_blocks(self) -> None:
@@ -170,9 +169,7 @@ class Factor:
         del self._blocks[first:]
         for begin in range(first * BLOCK, self.size, BLOCK):
             end = min(begin + BLOCK, self.size)
-            inverse = solve_triangular(
-                self._buffer[begin:end, begin:end], np.eye(end - begin), lower=True, check_finite=False
-            )
+            inverse = solve_lower(self._buffer[begin:end, begin:end], np.eye(end - begin))
             multiplier = inverse @ self._buffer[begin:end, :begin]
             self._blocks.append((np.asfortranarray(inverse.T), np.asfortranarray(multiplier.T)))
         self._blocked = self.size

@@ -29,7 +29,6 @@ import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dsyrk
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
@@ -42,6 +41,7 @@ from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.factor import Factor, IllConditionedError
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
+from auv_lse_gp.inference.triangular import solve_lower
 from auv_lse_gp.level_set.crossings import DepthAndSlope
 
 #: Number of locations that `moments` processes together, so that the data fit in the processor's cache.
@@ -257,7 +257,7 @@ class Posterior:
             if effect is None:
                 effect = np.zeros((n, 0))
             lower = self._factor.lower[:n, :n]
-            self._position_white = solve_triangular(lower, effect, lower=True, check_finite=False) if n else effect
+            self._position_white = solve_lower(lower, effect) if effect.size else effect
         return self._position_white
 
     @property

@@ -13,6 +13,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 
 from auv_lse_common.support.arrays import Array, Mask
+from auv_lse_gp.inference.triangular import solve_positive
 from auv_lse_gp.positions.elimination import Elimination
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel
 from auv_lse_gp.positions.measurements import Fixes, Ranges, within_gate
@@ -182,7 +183,7 @@ class _Search:
             rows, gradient = self._weighted_rows(theta, loss)
             return self._elimination.step(rows, gradient)
         gradient, information = self.normal(theta, loss)
-        return np.asarray(cho_solve(cho_factor(information, lower=True), gradient))
+        return solve_positive(information, gradient)
 
     def _weighted_rows(self, theta: Array, loss: Loss) -> tuple[Array, Array]:
         """Whitened derivatives (m, u) of fixes and ranges, times the roots of their weights, and the gradient (u,)."""
@@ -238,7 +239,7 @@ def _with_terrain(
             slope, seen = terrain.gradient(theta, search.precision)
             gradient, known = search.normal(theta, loss)
             together = known + seen
-            step = cho_solve(cho_factor(together, lower=True), gradient + slope)
+            step = solve_positive(together, gradient + slope)
             information = together
             if search.converged(step, _TERRAIN_CONVERGED):
                 break

@@ -13,12 +13,12 @@ the position's derivatives A_i, g = sum_j alpha_j grad k(p_i, p_j) and alpha = S
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from auv_lse_common.support.arrays import Array, Ints
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import PriorMean
 from auv_lse_gp.inference.posterior import depth_slopes
+from auv_lse_gp.inference.triangular import cholesky, solve_lower
 from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel, TrackPositions
 from auv_lse_gp.positions.track_segments import TrackSegments
 
@@ -85,9 +85,9 @@ class TerrainLikelihood:
         scaled = kernel.scale(positions)
         covariance = kernel.of_scaled(scaled, scaled)
         covariance[np.diag_indices(len(positions))] += self._terrain.noise_std_m**2
-        lower = cholesky(covariance, lower=True, check_finite=False, overwrite_a=True)
+        lower = cholesky(covariance)
         residuals = self._depths_m - self._terrain.prior_mean(positions)
-        white = solve_triangular(lower, residuals, lower=True, check_finite=False)
+        white = solve_lower(lower, residuals)
         return positions, lower, white
 
     def gradient(self, theta: Array, prior_precision: Array) -> tuple[Array, Array]:
@@ -101,13 +101,13 @@ class TerrainLikelihood:
             LinAlgError: if the covariance cannot be factorized.
         """
         positions, lower, white = self._factorized(theta)
-        alpha = solve_triangular(lower, white, lower=True, trans="T", check_finite=False)
+        alpha = solve_lower(lower, white, transposed=True)
         kernel = self._terrain.kernel
         slopes = depth_slopes(kernel, self._terrain.prior_mean, kernel.scale(positions), alpha, positions)
         rows = np.zeros((len(positions), self._model.size))
         for block, part, sums in self._groups:
             rows[part, block] = np.einsum("nd,ndu->nu", slopes[part], sums.jacobian(theta))
-        whitened = solve_triangular(lower, rows, lower=True, check_finite=False)
+        whitened = solve_lower(lower, rows)
         common = self._model.common_modes(theta)
         weighted = prior_precision[:, None] * common
         removed = np.linalg.solve(common.T @ weighted, weighted.T)  # P = I - common removed

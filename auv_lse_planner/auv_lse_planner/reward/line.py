@@ -27,7 +27,6 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import i0e
 
 from auv_lse_common.support.arrays import Array, Ints
@@ -35,6 +34,7 @@ from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.inference.cached_points import CachedPoints, unchanged_rows
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import prior_slopes
+from auv_lse_gp.inference.triangular import solve_lower
 from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
 
 #: Intervals of s between 0 and its present value, and points of the Gauss-Legendre rule in each.
@@ -182,7 +182,7 @@ class CachedSlopes:
             store.resize(begin)
             store.resize(end)
             right = slope.T - lower[begin:end, :begin] @ store.rows[:begin]
-            store.rows[begin:] = solve_triangular(lower[begin:end, begin:end], right, lower=True, check_finite=False)
+            store.rows[begin:] = solve_lower(lower[begin:end, begin:end], right)
         self._rows = posterior.rows[:end]
 
 
