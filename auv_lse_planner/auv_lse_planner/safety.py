@@ -18,6 +18,9 @@ from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_common.vocabulary.mission_run import JUST_NOW, Action, Command, Given, MissionRun, RunState, Stop
 from auv_lse_planner.battery_watch import BatteryWatch
 
+#: While a vehicle waits, its instruments have this time (s) to report before its operator sees which is missing.
+STARTING_S = 10.0
+
 
 @dataclass(slots=True)
 class Safety:
@@ -30,6 +33,7 @@ class Safety:
     _rebooted: bool = False  # and the vehicle's depth is not known yet
     _wet_steps: int = 0  # steps under water minus steps at the surface, since the first known depth
     _since_s: float = math.nan  # time of the first of these steps; NaN if none
+    _began_s: float = math.nan  # time of the first step
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int, waits: bool = False) -> Safety:
@@ -91,6 +95,7 @@ class Safety:
     def step(self, now_s: float) -> None:
         """Checks every limit; reacts to a reboot, and to waiting under water for a GO that cannot arrive."""
         self.watch.step(now_s, self.run)
+        self._began_s = now_s if math.isnan(self._began_s) else self._began_s
         self._watch_battery(now_s)
         under_water = self.watch.under_water
         if under_water is None or not (self._rebooted or self.run.waits_for_go):
@@ -167,6 +172,11 @@ class Safety:
         """Texts about exceeded and tripped limits, by key."""
         found = {f"tripped {name}": f"{name}: {why} (latched until RESET)" for name, why in self.run.limits.items()}
         return found | {name: f"{name}: {reason}" for name, reason in self.warnings.items()}
+
+    def news(self, now_s: float) -> dict[str, str]:
+        """The problems to show an operator; in the first `STARTING_S` of waiting, only limits that have tripped."""
+        starts = self.run.status.state is RunState.WAITING and 0.0 <= now_s - self._began_s < STARTING_S
+        return {key: text for key, text in self.problems().items() if not starts or key not in self.warnings}
 
     def health(self) -> Health:
         """The state of the mission."""

@@ -55,7 +55,7 @@ class SafetyNode(VehicleNode):
         self._report: RunReport | None = None  # last published
         self._heartbeats = Periodic(_HEARTBEAT_S)
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
-        self._new_problems = NewProblems()
+        self._new_problems, self._new_to_operator = NewProblems(), NewProblems()
         self._listened_s = time.monotonic()  # when it last noted that it takes commands
         self._pause: tuple[float, float] | None = None  # last pause in which it took none: from, to
         self.create_timer(_LISTENING_PERIOD_S, self._note_listening)
@@ -160,6 +160,7 @@ class SafetyNode(VehicleNode):
         new = self._new_problems.of(problems)
         for problem in new:
             self.get_logger().warning(problem)
+        for problem in self._new_to_operator.of(self._safety.news(now_s)):
             if not (reason := self._safety.run.status.reason) or reason not in problem:
                 self._report_to_operator(f"warning: {problem}")
         if new or self._health_reports.is_due(now_s):

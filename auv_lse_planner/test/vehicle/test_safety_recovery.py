@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.vocabulary.mission_run import Action, Command, RunState
 from auv_lse_planner.safety import Safety
 
@@ -118,3 +119,21 @@ def test_reset_outside_of_the_fence_lets_the_vehicle_return() -> None:
     assert "fence" in one.run.limits
     assert one.command(Command.RESET, "test") == ""
     assert one.command(Command.GO, "test") == ""
+
+
+def test_an_operator_sees_what_is_missing_once_the_instruments_had_time_to_start() -> None:
+    one = Safety.of({**AREA, "link": {"kind": "mavlink"}, "vehicle": {"start": "on_call"}}, "test", 1)
+    one.watch.autopilot(AutopilotReport(heard=True, armed=False, depth_problem="no pressure"))
+    shown = []
+    for now_s in range(100, 115):
+        one.step(float(now_s))
+        shown.append("pressure" in one.news(float(now_s)))
+    assert "pressure" in one.problems()
+    assert shown == [False] * 10 + [True] * 5, "nothing in the first 10 s of waiting"
+
+    again = Safety.of({**AREA, "link": {"kind": "mavlink"}, "vehicle": {"start": "on_call"}}, "test", 1)
+    again.watch.autopilot(AutopilotReport(heard=True, armed=True, depth_problem="no pressure"))
+    again.step(100.0)
+    again.step(102.0)
+    again.distrust("a lost state")
+    assert set(again.news(102.0)) == {"tripped state_lost", "pressure"}, "it does not wait, and everything is seen"
