@@ -19,7 +19,7 @@ SAMPLE_LETTERS = 100_000
 #: Beginnings of the roles whose cells stay text.
 TEXT_ROLES = (
     "date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit", "half_day", "utc_offset", "month",
-    "vertical_datum",
+    "vertical_datum", "epsg", "utm_zone", "hemisphere",
 )  # fmt: skip
 #: Beginnings of the roles of lengths and of coordinates in metres.
 _LENGTHS = ("depth", "elevation", "z", "own_depth", "above_bottom", "altitude", "north", "east")

@@ -390,14 +390,58 @@ def test_elevations_ask_for_the_surface(tmp_path):
     checked(gathered(tmp_path, data, "--surface", "82.5"))
 
 
-def test_projected_metres_ask_for_their_system(tmp_path):
+def in_utm(extra="", header="", system="EPSG:32632", metres=1.0):
+    """The survey in metres of zone 32, with further cells in each row; or in other units."""
     from pyproj import Transformer
 
-    east, north = Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True).transform(ROWS[:, 2], ROWS[:, 1])
-    body = "\n".join(f"{e:.3f},{n:.3f},{d:.3f},{t:.0f}" for e, n, (t, _, _, d) in zip(east, north, ROWS, strict=True))
+    turned = Transformer.from_crs("EPSG:4326", system, always_xy=True).transform(ROWS[:, 2], ROWS[:, 1])
+    east, north = np.array(turned) / metres
+    rows = zip(east, north, ROWS, strict=True)
+    unit = "" if metres == 1.0 else "_ft"
+    head = f"easting{unit},northing{unit},depth,epoch{header}\n"
+    return head + "\n".join(f"{e:.3f},{n:.3f},{d:.3f},{t:.0f}{extra}" for e, n, (t, _, _, d) in rows)
+
+
+def test_projected_metres_ask_for_their_system(tmp_path):
     with pytest.raises(LogError, match=r"projected .* such as --crs EPSG:32632"):
-        gathered(tmp_path, "easting,northing,depth,epoch\n" + body)
-    checked(gathered(tmp_path, "easting,northing,depth,epoch\n" + body, "--crs", "EPSG:32632"))
+        gathered(tmp_path, in_utm())
+    checked(gathered(tmp_path, in_utm(), "--crs", "EPSG:32632"))
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        (",zone", ",32N"), (",UTM zone", ",32 T"), (",zone,hemisphere", ",32,N"), (",utm_zone,hemi", ",UTM32,north"),
+        (",EPSG", ",32632"), (",crs", ",EPSG:32632"),
+    ],
+)  # fmt: skip
+def test_projected_metres_in_the_system_that_a_column_names(tmp_path, header, cells):
+    survey = gathered(tmp_path, in_utm(cells, header))
+    checked(survey)
+    assert "positions in EPSG:32632, by column" in survey.lines[0] and "not used" not in survey.lines[0]
+    checked(gathered(tmp_path, in_utm(cells, header, metres=0.3048)))
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "cure"),
+    [
+        (",zone", ",32", "Zone 32 may be north or south: --crs EPSG:32632 or --crs EPSG:32732"),
+        (",zone", ",32S", "Zone 32S may be north or south"),
+        (",zone", ",harbour", "such as --crs EPSG:32632"),
+        (",zone", ",77N", "such as --crs EPSG:32632"),
+        (",epsg", ",99999", "EPSG:99999 of column epsg is not a coordinate system"),
+    ],
+)
+def test_an_unclear_system_is_asked_for(tmp_path, header, cells, cure):
+    with pytest.raises(LogError, match=cure):
+        gathered(tmp_path, in_utm(cells, header))
+
+
+def test_rows_in_two_zones_are_refused(tmp_path):
+    rows = in_utm(",32N", ",zone").splitlines()
+    rows[5] = rows[5].replace(",32N", ",33N")
+    with pytest.raises(LogError, match=r"several systems \(column zone\)\. Split the table by them"):
+        gathered(tmp_path, "\n".join(rows))
 
 
 @pytest.mark.parametrize("names", ["x_m,y_m", "x,y"])

@@ -116,7 +116,9 @@ def unused_columns(header: Sequence[str], columns: dict[str, Column], accounted:
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
     further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
     further |= set() if all(role in columns for role in GPS_TIME) else {*GPS_TIME}
-    further |= {"altitude", "depth_unit"} | (set() if has_date_parts(columns) else {*DATE_PARTS})
+    further |= {"altitude", "depth_unit", "epsg", "utm_zone", "hemisphere"} | (
+        set() if has_date_parts(columns) else {*DATE_PARTS}
+    )
     further |= set() if "datetime" in columns or (has_date_parts(columns) and "hour" in columns) else {"half_day"}
     used = {
         column.number

@@ -22,6 +22,7 @@ from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.columns import Table, depth_role, first_of
+from auv_lse_shore.survey_import.parsing.stated_crs import stated_crs
 from auv_lse_shore.survey_import.parsing.table_times import times_of
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
@@ -238,18 +239,7 @@ def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple
     known = positions[np.isfinite(positions).all(axis=1)]
     if options.crs:
         options.used.add("crs")
-        from pyproj import Transformer
-        from pyproj.exceptions import ProjError
-
-        try:
-            turn = Transformer.from_crs(options.crs, "EPSG:4326", always_xy=True)
-        except ProjError as error:
-            raise LogError(f"--crs {options.crs} is not a coordinate system; write it like EPSG:32632.") from error
-        crs = turn.source_crs
-        if crs is not None and crs.is_projected:
-            positions = _in_units_of(table, (north, east), positions, crs.axis_info[0].unit_conversion_factor)
-        lon, lat = turn.transform(positions[:, 1], positions[:, 0])
-        return np.column_stack([lat, lon]), True
+        return _from_system(table, (north, east), positions, options.crs, f"--crs {options.crs}"), True
     is_length = any(factor_of(table.columns[name].unit) for name in (north, east))
     if north == "y" and not is_length and len(known) and (np.abs(known).max(axis=0) <= (90.0, 180.0)).all():
         fine = (np.round(known, 3) != known).mean() > 0.5
@@ -257,14 +247,34 @@ def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple
             return positions, True
         if fine:
             content.notes.append("x, y taken as metres: as degrees they would be hundreds of kilometres apart")
-    positions, known = (_in_units_of(table, (north, east), rows, 1.0) for rows in (positions, known))
+    given, positions, known = positions, *(_in_units_of(table, (north, east), rows, 1.0) for rows in (positions, known))
     if len(known) and np.abs(np.median(known, axis=0)).max() > FAR_M:
-        middle = np.median(known, axis=0)
+        stated, middle = stated_crs(table), np.median(known, axis=0)
+        if stated.crs:
+            content.notes.append(f"positions in {stated.crs}, by column {stated.names}")
+            where = f"{table.path}: {stated.crs} of column {stated.names}"
+            return _from_system(table, (north, east), given, stated.crs, where), True
         raise LogError(
             f"{table.path}: its coordinates are projected (about {middle[1]:,.0f} east, {middle[0]:,.0f} north). "
-            "Name their system, such as --crs EPSG:32632."
+            f"{stated.cure}"
         )
     return positions, False
+
+
+def _from_system(table: Table, names: Sequence[str], positions: Array, system: str, where: str) -> Array:
+    """Latitude and longitude (n, 2) of positions (n, 2), north and east, in a coordinate system; `where` names it."""
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        turn = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
+    except ProjError as error:
+        raise LogError(f"{where} is not a coordinate system; write it like --crs EPSG:32632.") from error
+    crs = turn.source_crs
+    if crs is not None and crs.is_projected:
+        positions = _in_units_of(table, names, positions, crs.axis_info[0].unit_conversion_factor)
+    lon, lat = turn.transform(positions[:, 1], positions[:, 0])
+    return np.column_stack([lat, lon])
 
 
 def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, Array, Reference]:
