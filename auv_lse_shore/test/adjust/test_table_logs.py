@@ -418,7 +418,8 @@ def test_projected_metres_ask_for_their_system(tmp_path):
 def test_projected_metres_in_the_system_that_a_column_names(tmp_path, header, cells):
     survey = gathered(tmp_path, in_utm(cells, header))
     checked(survey)
-    assert "positions in EPSG:32632, by column" in survey.lines[0] and "not used" not in survey.lines[0]
+    assert "positions in EPSG:32632, by column" in survey.lines[0]
+    assert "not used" not in survey.lines[0]
     checked(gathered(tmp_path, in_utm(cells, header, metres=0.3048)))
 
 
