@@ -1,5 +1,6 @@
 """Reads and writes ROS 2 parameter files: node patterns, and the parameters of a node."""
 
+import contextlib
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -88,9 +89,10 @@ def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict
 
 
 def parameter_text(patterns: Mapping[str, Mapping[str, Any]]) -> str:
-    """The text of a ROS 2 parameter file, with nothing that ROS's YAML parser cannot read.
+    """The text of a ROS 2 parameter file, with nothing that ROS's YAML parser cannot read or takes for another value.
 
-    That one knows no aliases, and refuses a list of integers and floats, and URLs in braces without quotes.
+    It supports no aliases, refuses a list of integers and floats, and URLs in braces without quotes, and takes 0801 and
+    1e5 for numbers, and y for true.
     """
     body = {pattern: {"ros__parameters": _plain(values)} for pattern, values in patterns.items()}
     text: str = yaml.dump(
@@ -110,6 +112,13 @@ def readable_by_ros(arguments: Sequence[str]) -> list[str]:
         if option == "--params-file" and hasattr(os, "memfd_create"):
             result[number] = str(file_in_memory(parameter_text(read_parameter_file(path))))
     return result
+
+
+def as_comment(path: Path) -> str:
+    """A file with comments as one comment, so that these are kept behind what was made of the file; else ""."""
+    text = _read_text(path)
+    lines = [f"{path.name}, as it was written:", *text.splitlines()] if "#" in text else []
+    return "".join(f"# {line}".rstrip() + "\n" for line in lines)
 
 
 def file_in_memory(text: str) -> Path:
@@ -132,11 +141,21 @@ def _float(dumper: yaml.SafeDumper, value: float) -> Any:
     return dumper.represent_scalar("tag:yaml.org,2002:float", text)
 
 
+def _text(dumper: yaml.SafeDumper, value: str) -> Any:
+    """A text; in quotes if ROS would take it for a number or a truth value without them."""
+    is_doubtful = value.lower() in ("y", "n")
+    with contextlib.suppress(ValueError):
+        float(value)
+        is_doubtful = True
+    return dumper.represent_scalar("tag:yaml.org,2002:str", value, style="'" if is_doubtful else None)
+
+
 def _list(dumper: yaml.SafeDumper, value: list[Any]) -> Any:
     return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
 
 
 _Dumper.add_representer(float, _float)
+_Dumper.add_representer(str, _text)
 _Dumper.add_representer(list, _list)
 _Dumper.ignore_aliases = lambda self, data: True
 

@@ -21,7 +21,7 @@ from auv_lse_common.mission_file.retired import RENAMED, RETIRED, replacement
 T = TypeVar("T")
 
 #: A number that YAML 1.1 reads as text: it lacks the point, the exponent's sign (1e-3 for 1.0e-3) or the zero (-.5).
-_AS_TEXT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]\.\d+")
+NUMBER_AS_TEXT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]\.\d+")
 #: ROS 2 parameters hold whole numbers below this.
 INTEGER_LIMIT = 2**63
 #: Sections of a mission file that have a parameter of this name; `sections/table.py` adds its own.
@@ -398,7 +398,7 @@ def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], allowed: s
         if not isinstance(value, hint) or (meta.get("choices") and value not in meta["choices"]):
             raise error
         return value
-    if hint is float and isinstance(value, str) and _AS_TEXT.fullmatch(value):
+    if hint is float and isinstance(value, str) and NUMBER_AS_TEXT.fullmatch(value):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or (hint is int and isinstance(value, float)):
         raise error

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.parameters import NUMBER_AS_TEXT, ParameterError
 from auv_lse_common.support.input_bounds import MAX_YAML_VALUES
 from auv_lse_common.support.user_error import brief
 
@@ -65,16 +65,22 @@ class _StrictLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes with
         value: int | float = self.construct_yaml_int(node) if is_whole else self.construct_yaml_float(node)
         return value
 
+    def construct_text(self, node: yaml.ScalarNode) -> str | float:
+        """Texts; those without quotes that YAML 1.2, and so ROS, reads as numbers are numbers."""
+        text: str = self.construct_yaml_str(node)
+        return float(text) if node.style is None and NUMBER_AS_TEXT.fullmatch(text) else text
+
 
 for _kind in ("int", "float"):
     _StrictLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _StrictLoader.construct_number)
+_StrictLoader.add_constructor("tag:yaml.org,2002:str", _StrictLoader.construct_text)
 
 
 class _RecordedLoader(_StrictLoader):
     """As the strict one, with YAML 1.1's numbers: those that a vehicle used."""
 
 
-for _kind in ("int", "float"):
+for _kind in ("int", "float", "str"):
     _RecordedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", getattr(yaml.SafeLoader, f"construct_yaml_{_kind}"))
 
 

@@ -152,12 +152,15 @@ def _begin_ros(arguments: Sequence[str]) -> None:
     """Initializes ROS; its YAML parser refuses much that a mission file may hold, which is then rewritten for it."""
     try:
         rclpy.init(args=init_arguments(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    except rclpy_implementation.RCLError:
+    except rclpy_implementation.RCLError as error:
         if "--params-file" not in arguments:
             raise
         readable = readable_by_ros(arguments)
-        rclpy.init(args=init_arguments(readable), signal_handler_options=SignalHandlerOptions.NO)
-        print("the parameter file was rewritten for ROS, whose YAML parser cannot read it", file=sys.stderr, flush=True)
+        try:
+            rclpy.init(args=init_arguments(readable), signal_handler_options=SignalHandlerOptions.NO)
+        except rclpy_implementation.RCLError:
+            raise error from None  # the first one names the user's file
+        print("parameter files were rewritten for ROS, whose YAML parser cannot read them", file=sys.stderr, flush=True)
 
 
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:

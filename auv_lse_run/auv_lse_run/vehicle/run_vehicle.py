@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import (
+    as_comment,
     file_in_memory,
     parameter_text,
     parameters_for,
@@ -142,7 +143,7 @@ def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record:
     if lockstep and not sim.get("lockstep", False):
         # Nodes read lockstep from their own parameters, where its default is false.
         patterns = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
-    text = parameter_text(patterns)  # in metres, and without YAML that ROS cannot read
+    text = f"{parameter_text(patterns)}\n{as_comment(file)}"  # in metres, and without YAML that ROS cannot read
     if hasattr(os, "memfd_create"):
         file = file_in_memory(text)
     else:

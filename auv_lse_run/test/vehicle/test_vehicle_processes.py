@@ -103,6 +103,13 @@ def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
         ("motion: {actions_deg: &some [-5.0, 0.0, 5.0]}\n    safety: {min_battery: 1e-05}", "safety.min_battery", 1e-5),
         ("planner: {iterations: 1_00}", "planner.iterations", 100),
         ("record: {folder: see/Müggelsee}", "record.folder", "see/Müggelsee"),
+        ("record: {folder: '0801'}", "record.folder", "0801"),
+        ("record: {folder: '1e5'}", "record.folder", "1e5"),
+        ("record: {folder: 'y'}", "record.folder", "y"),
+        ("record: {folder: '.inf'}", "record.folder", ".inf"),
+        ("record: {folder: 'off'}", "record.folder", "off"),
+        ("record: {folder: 'Infinity'}", "record.folder", "Infinity"),
+        ("record: {topics: ['1e5', b, 'N']}", "record.topics", ["1e5", "b", "N"]),
     ],
 )
 def test_ros_reads_what_a_mission_file_may_hold(section: str, name: str, value: object, tmp_path: Path) -> None:
@@ -121,6 +128,18 @@ def test_ros_reads_what_a_mission_file_may_hold(section: str, name: str, value: 
         node.destroy_node()
         context.shutdown()
     assert (list(found) if isinstance(value, list) else found) == value
+
+
+def test_comments_of_the_mission_file_stay_in_the_one_that_is_recorded(tmp_path: Path) -> None:
+    file = write(tmp_path)
+    bare = processes(file).file.read_text()
+    assert "#" not in bare
+    file.write_text("# for Monday\n" + file.read_text() + "\n# chlorine: 3\n")
+    kept = processes(file).file
+    assert read_parameter_file(kept)["/**"] == FOR_ALL
+    assert kept.read_text().startswith(bare)
+    assert "# # for Monday\n" in kept.read_text()
+    assert "# # chlorine: 3\n" in kept.read_text()
 
 
 def test_file_with_section_sim_follows_the_simulator_and_its_recorder(tmp_path: Path) -> None:
