@@ -4,7 +4,7 @@
 ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 VENV="$ROOT/.venv"
 INSTALL="$ROOT/ros_ws/install"
-unset PYTHONHOME # another Python's library, with which that of the environment would not start
+unset PYTHONHOME # another Python's library: that of the environment would not start with it
 
 # True where a ROS 2 of the machine's own is sourced (not the wheels of our venv).
 ros_is_sourced() { [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ]; }

@@ -97,8 +97,12 @@ def reach(environment: Mapping[str, str]) -> str:
     if not names_network(environment):
         return "on this computer"
     ours = {"", "LOCALHOST", "SYSTEM_DEFAULT", str(_FASTDDS_PROFILE)}
-    named = [f"{name}={environment[name]}" for name in NETWORK_VARIABLES if environment.get(name, "") not in ours]
-    return f"through {', '.join(named)}"
+    found: dict[str, str] = {}  # names by value: `confined` gives one profile two of them
+    for name in NETWORK_VARIABLES:
+        value = environment.get(name, "")
+        if value not in ours and (name not in FASTDDS_VARIABLES or Path(value).is_file()):
+            found.setdefault(value, name)
+    return f"through {', '.join(f'{name}={value}' for value, name in found.items())}"
 
 
 def watch_variables(domain: int) -> str:

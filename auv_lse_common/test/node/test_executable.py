@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -55,6 +56,7 @@ def test_sigint_during_the_start_leaves_no_traceback(tmp_path: Path) -> None:
     [
         ("[0, 0, 600.5, 0, 600, 700]", 0, "ready after"),
         ("[0, 0, 600.5, 0, 600, 700", 2, "error: {file}: not valid YAML: line 4"),
+        ("[0, 0, true, 0, 600, 700]", 2, "--params-file {file}'"),
     ],
 )
 def test_a_parameter_file_that_ros_cannot_read_is_rewritten_or_refused(
@@ -69,6 +71,8 @@ def test_a_parameter_file_that_ros_cannot_read_is_rewritten_or_refused(
     process = subprocess.Popen(command, env={**os.environ, "ROS_DOMAIN_ID": "80"}, **pipes)
     assert process.stdout is not None
     wanted = shown.format(file=file)
+    watchdog = threading.Timer(60.0, process.kill)
+    watchdog.start()
     lines = []
     for line in process.stdout:
         lines.append(line)
@@ -76,6 +80,7 @@ def test_a_parameter_file_that_ros_cannot_read_is_rewritten_or_refused(
             process.send_signal(signal.SIGINT)
             break
     process.communicate(timeout=30)
+    watchdog.cancel()
     assert wanted in "".join(lines)
     assert process.returncode == code
 

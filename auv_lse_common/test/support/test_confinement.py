@@ -18,6 +18,7 @@ from auv_lse_common.support.confinement import (
     confine,
     confined,
     is_confined,
+    reach,
     watch_variables,
 )
 
@@ -37,6 +38,17 @@ def test_nothing_named_means_this_computer() -> None:
     assert is_confined(environment)
     assert not is_confined(BARE)
     assert confined(None, environment) == environment, "a child process gets the same"
+
+
+def test_messages_name_the_network_in_which_nodes_are_looked_for(tmp_path: Path) -> None:
+    assert reach(confined(7, BARE)) == "on this computer"
+    assert reach(confined(7, BARE | OPEN)) == "through ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET"
+    peers, profile = {"ROS_STATIC_PEERS": "192.0.2.9"}, tmp_path / "own.xml"
+    missing = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profile)}
+    assert reach(confined(7, BARE | peers | missing)) == "through ROS_STATIC_PEERS=192.0.2.9"
+    profile.write_text("<profiles/>")
+    shown = reach(confined(7, BARE | missing))
+    assert shown == f"through FASTRTPS_DEFAULT_PROFILES_FILE={profile}", "once, though `confined` sets both names"
 
 
 def test_cyclone_dds_needs_a_network_since_it_listens_on_every_one() -> None:

@@ -92,8 +92,8 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
     if begin == "<":
         root = read_xml(data, where)
         if root.tag == "osm":
-            convert = "ogr2ogr area.geojson FILE multipolygons"
-            raise ParameterError(f"{where} is of OpenStreetMap. Convert it to GeoJSON: {convert}")
+            convert = f"ogr2ogr area.geojson {where} multipolygons"
+            raise ParameterError(f"{where} is an OpenStreetMap file. Convert it to GeoJSON: {convert}")
         if root.tag not in ("kml", "gpx"):
             raise ParameterError(f"{where} is XML of the kind {root.tag[:40]!r}. Save the area as {KINDS}")
         return kml_features(root, where) if root.tag == "kml" else gpx_features(root, where)

@@ -79,15 +79,15 @@ def cores() -> int:
 
 
 @contextlib.contextmanager
-def lost_cluster_is_an_error() -> Iterator[None]:
-    """Turns the errors of a lost scheduler into a CampaignError."""
+def lost_cluster_is_an_error(*further: type[Exception]) -> Iterator[None]:
+    """Turns the errors of a lost scheduler into a CampaignError, and `further` ones that only it can raise here."""
     from distributed import client
 
     # a closed client raises CancelledError in Dask of 2024
     closed = getattr(client, "ClosedClientError", client.CancelledError)
     try:
         yield
-    except (client.CancelledError, client.CommClosedError, closed) as error:
+    except (client.CancelledError, client.CommClosedError, closed, *further) as error:
         raise CampaignError(f"lost the cluster ({error}). Run the same command again to continue") from error
 
 

@@ -43,7 +43,8 @@ def progress_display() -> Iterator[Callable[[CampaignState], None]]:
 
 def left(state: CampaignState) -> str:
     """The time left, or why it is unknown."""
-    return f"{duration(state.left_s)} left" if state.threads else "waiting: the cluster has no worker"
+    waits = not state.threads and state.before + state.done < state.total
+    return "waiting: the cluster has no worker" if waits else f"{duration(state.left_s)} left"
 
 
 def duration(seconds: float) -> str:

@@ -40,6 +40,7 @@ class CampaignState:
         threads: Missions that the cluster simulates at once; 0: it has no worker now.
         elapsed_s: Wall-clock time since the first was submitted.
         busy_s: Sum of the missions' wall-clock times.
+        offered_s: Time that the cluster had for missions, of all its threads.
         left_s: Estimate of the time left, at most that of the budget; NaN before the first mission ended.
         limited: Whether a budget may end the campaign before its last mission.
         last: Row of the mission that ended last.
@@ -52,6 +53,7 @@ class CampaignState:
     threads: int = 1
     elapsed_s: float = 0.0
     busy_s: float = 0.0
+    offered_s: float = 0.0
     left_s: float = float("nan")
     limited: bool = False
     last: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -62,10 +64,9 @@ class CampaignState:
         return f"{self.before + self.done} of {'up to ' if self.limited else ''}{self.total} missions"
 
     @property
-    def efficiency(self) -> float:
-        """Share of the cluster's time spent on missions."""
-        spent_s = self.elapsed_s * self.threads
-        return self.busy_s / spent_s if spent_s > 0.0 else float("nan")
+    def efficiency(self) -> float | None:
+        """Share of the cluster's time spent on missions; None if it had no time."""
+        return self.busy_s / self.offered_s if self.offered_s > 0.0 else None
 
 
 def run_campaign(
@@ -119,16 +120,26 @@ class _Queue:
         self._todo, self._client, self._state, self._budget_s = todo, client, state, budget_s
         self._failed = failed
         self._waiting, self._running = iter(todo), dict[Any, Job]()
-        self._began = time.monotonic()
+        self._began = self._looked = time.monotonic()
         self._busy: dict[str, list[float]] = {}
 
     def fill(self) -> bool:
         """Submits missions for all threads and some ahead, unless they would probably exceed the budget.
 
+        Once it is used up, missions are cancelled that wait for a cluster without workers.
+
         Returns:
             Whether any is under way.
         """
-        threads = self._state.threads = sum(self._client.nthreads().values())
+        with lost_cluster_is_an_error(OSError):
+            threads = sum(self._client.nthreads().values())
+        before, self._looked = self._looked, time.monotonic()
+        self._state.offered_s += self._state.threads * (self._looked - before)
+        self._state.threads = threads
+        if not threads and self._looked - self._began > self._budget_s:
+            for future in self._running:
+                future.cancel()
+            self._running.clear()
         usual = self._state.busy_s / self._state.done if self._state.done else 0.0
         while len(self._running) < threads + max(1, int(AHEAD * threads)):
             job = next(self._waiting, None) if time.monotonic() - self._began + usual < self._budget_s else None

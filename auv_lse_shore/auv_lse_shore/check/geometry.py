@@ -251,7 +251,7 @@ def _check_own_depth(number: int, own: VehicleSections, level_m: float, findings
         )
     elif needed_m > (most_m := level_m - min(EDGE_SHARE * level_m, EDGE_M)):
         findings.warning(
-            f"auv{number}: {text} = {needed_m:g} m of water are hardly less than level_set.level_m ({level_m:g} m): "
+            f"auv{number}: {text} = {needed_m:g} m of water are barely less than level_set.level_m ({level_m:g} m): "
             f"the isobath is the edge of what it can reach, seen from one side. Stay below {most_m:g} m"
         )
 

@@ -132,15 +132,15 @@ def test_the_prior_of_a_smooth_bottom_has_a_mean_within_the_depths(tmp_path, is_
 
 
 def test_the_prior_does_not_depend_on_which_spikes_were_drawn() -> None:
-    """A bay of 40,000 m2 with 5,000 soundings, of which 1 % are wrong by metres."""
+    """A bay of 40,000 m2 with more soundings than are used, of which 1 % are wrong by metres."""
     rng = np.random.default_rng(3)
-    north, east = rng.uniform(0.0, 200.0, (2, 5000))
-    depth = 10.0 + 3.0 * np.sin(north / 25.0) * np.cos(east / 25.0) + rng.normal(0.0, 0.05, 5000)
-    depth[rng.choice(5000, 50, replace=False)] += rng.normal(0.0, 4.0, 50)
+    north, east = rng.uniform(0.0, 200.0, (2, 8000))
+    depth = 10.0 + 3.0 * np.sin(north / 25.0) * np.cos(east / 25.0) + rng.normal(0.0, 0.05, 8000)
+    depth[rng.choice(8000, 80, replace=False)] += rng.normal(0.0, 4.0, 80)
     points = np.column_stack([north, east, depth])
-    first, second = (_learned(rows, LEAST_NOISE_M) for rows in (points, points[rng.permutation(5000)]))
+    first, second = (_learned(rows, LEAST_NOISE_M) for rows in (points, points[rng.permutation(8000)]))
     for name in ("length_scale_m", "signal_std_m", "noise_std_m"):
-        assert first[name] == pytest.approx(second[name], rel=0.05)
+        assert first[name] == pytest.approx(second[name], rel=0.1)
     assert first["noise_std_m"] == pytest.approx(math.hypot(0.05, math.sqrt(0.01) * 4.0), rel=0.25)
 
 

@@ -668,7 +668,10 @@ def test_a_table_of_corners_is_the_area(tmp_path, header, row):
             "area,lat,lon\n" + "".join(f"{n},47.{3 + n}{i % 2},8.{5 + i // 2}\n" for n in (1, 2) for i in range(3)),
             "column area tells 2 areas apart",
         ),
-        ('<osm version="0.6"><node id="1" lat="47" lon="8"/></osm>', r"OpenStreetMap\. Convert .* multipolygons$"),
+        (
+            '<osm version="0.6"><node id="1" lat="47" lon="8"/></osm>',
+            r"an OpenStreetMap file\. .* area\.geojson \S+ multipolygons$",
+        ),
         ("east,north\n1,2\n3,4\n5,7\n", "not a known kind of area file"),
         (
             "47.3 8.5\n47.3 8.6\n47.4 8.6\n",

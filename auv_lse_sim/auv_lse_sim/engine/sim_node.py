@@ -144,11 +144,9 @@ class SimNode(BaseNode):
         """Lockstep: reports nodes that do not answer."""
         waited_s = time.monotonic() - self._waiting_since_s
         silence = self._sim.silence(waited_s)
-        if silence and waited_s > STALLED_S:
-            self._publish_status(MissionState.FAILED, silence)
-            self._waiting_since_s = time.monotonic()
-        elif silence:
-            self._publish_status(self._sim.state, silence)
+        if not silence or (self._last_status and self._last_status[0] is MissionState.FAILED):
+            return  # a mission that has failed stays so until the nodes answer
+        self._publish_status(MissionState.FAILED if waited_s > STALLED_S else self._sim.state, silence)
 
     def _publish_status(self, state: MissionState, message: str) -> None:
         """Publishes the status if its state or message is new, or after `_STATUS_PERIOD_S`."""

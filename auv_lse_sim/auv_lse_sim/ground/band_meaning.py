@@ -9,11 +9,21 @@ from auv_lse_sim.ground.ground import GroundError
 
 _DOWN = re.compile(r"\b(depths?|soundings?|fathoms?)\b")
 _UP = re.compile(r"\b(elevations?|altitudes?|heights?|dem|dtm|dsm|topo|topography)\b")
-#: Quantities beside depths in bathymetry files.
+#: Quantities beside depths in bathymetry files, also of depths; and others, unless depths are named with them.
 _OTHER = re.compile(
     r"\b(uncertainty|std|stddev|deviation|error|tvu|thu|quality|tid|count|density|hits|intensity|backscatter|slope"
-    r"|aspect|hillshade|shade|curvature|roughness|rugosity|mask|flag|time|temperature|salinity|turbidity|chlorophyll"
-    r"|oxygen|pressure|speed|velocity|percent|percentage|fraction|share|ratio|probability)\b"
+    r"|aspect|hillshade|shade|curvature|roughness|rugosity|mask|flag|time)\b"
+)
+_BESIDE = re.compile(
+    r"\b(temperature|salinity|turbidity|chlorophyll|oxygen|pressure|speed|velocity|percent|percentage|fraction|share"
+    r"|ratio|probability)\b"
+)
+#: Names that programs give to bands.
+_NUMBERED = re.compile(r"(?:band|layer)[\W_]*\d+", re.IGNORECASE)
+#: Quantities after which files are named, and no lakes.
+_OF_FILES = re.compile(
+    r"\b(uncertainty|backscatter|hillshade|rugosity|temperature|salinity|turbidity|chlorophyll|oxygen|pressure|speed"
+    r"|velocity|percent|percentage|probability)\b"
 )
 
 
@@ -37,15 +47,25 @@ class Meaning:
 
 def is_elevation(text: str) -> bool | None:
     """Whether a name means elevations (True) or depths (False); None if it means neither, or both."""
-    plain = re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower()
+    plain = _words(text)
     down, up = _DOWN.search(plain) is not None, _UP.search(plain) is not None
     return None if down == up else up
 
 
 def is_other(text: str) -> bool:
     """Whether a band's name means another quantity than depth or elevation."""
-    plain = re.sub(r"[\W_]+", " ", text).lower()
-    return _OTHER.search(plain) is not None
+    plain = _words(text)
+    return _OTHER.search(plain) is not None or (_BESIDE.search(plain) is not None and is_elevation(text) is None)
+
+
+def is_other_file(name: str) -> bool:
+    """Whether a file is named after another quantity than depth or elevation."""
+    return _OF_FILES.search(_words(name)) is not None and "bathy" not in name.lower()
+
+
+def _words(text: str) -> str:
+    """The words of a name in small letters, with blanks between them, also of one in camel case."""
+    return re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower()
 
 
 def is_bare(name: str) -> bool:
@@ -100,6 +120,7 @@ def meaning(
     in_names += [_unit_in(file_name)] if vertical is None else []
     named = unit or next(filter(None, in_names), "")
     unit_m = metres_per(named, where) if named or vertical is None else vertical[1]
-    name = next((texts[key] for key in ("description", "name", "long_name") if texts.get(key)), "values")
+    names = [texts.get(key, "") for key in ("description", "name", "long_name")]
+    name = next((one for one in names if one and not _NUMBERED.fullmatch(one)), "values")
     up = next((one for one in said if one is not None), None)
     return Meaning(up=up, unit_m=unit_m, name=name, is_undescribed=up is None and not unit and name == "values")

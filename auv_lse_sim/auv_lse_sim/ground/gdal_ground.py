@@ -19,7 +19,7 @@ from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import unwrapped_deg
-from auv_lse_sim.ground.band_meaning import Meaning, is_bare, is_elevation, is_other, length_m, meaning
+from auv_lse_sim.ground.band_meaning import Meaning, is_bare, is_elevation, is_other, is_other_file, length_m, meaning
 from auv_lse_sim.ground.depth_sign import SIGN_FLAGS
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
@@ -383,7 +383,9 @@ def _band(data: Any, path: Path) -> tuple[int, list[str]]:
     named = [k for k in fit if is_elevation(names[k - 1]) is not None] or fit
     if not named:
         shown = ", ".join(name[:40] for name in names[:30])
-        raise GroundError(f"{path}: its bands are {shown}; none holds depths or elevations")
+        raise GroundError(
+            f"{path}: its bands are {shown}; none holds depths or elevations. Name one depth or elevation if it does"
+        )
     if data.count == 1:
         return named[0], []
     return named[0], [f"band {named[0]} of {data.count}{f' ({names[named[0] - 1]})' if names[named[0] - 1] else ''}"]
@@ -426,16 +428,16 @@ def _check_are_depths(data: Any, band: int, said: Meaning, path: Path, config: B
     if data.colorinterp[band - 1].name in _COLORS or {"red", "green", "blue"} <= set(colors):
         raise GroundError(f"{path} is a picture (bands {', '.join(colors)}), not depths. Export the depths themselves")
     plain = (data.scales[band - 1], data.offsets[band - 1]) == (1.0, 0.0) and said.is_undescribed
-    if data.dtypes[band - 1] == "uint8" and plain and config.depth_sign == "auto" and config.water_level_m is None:
+    is_given = config.depth_sign != "auto" or config.water_level_m is not None
+    if data.dtypes[band - 1] == "uint8" and plain and not is_given:
         raise GroundError(
             f"{path}: its values are whole numbers from 0 to 255, as in a picture. If these are depths in metres, "
-            f"say so: {SIGN_FLAGS}"
+            f"add {SIGN_FLAGS}"
         )
-    is_named_other = is_other(path.stem) and "bathy" not in path.stem.lower()
-    if said.is_undescribed and is_named_other and config.depth_sign == "auto" and config.water_level_m is None:
+    if said.is_undescribed and is_other_file(path.stem) and not is_given:
         raise GroundError(
-            f"{path}: its name is that of another quantity, and nothing in it describes the values. If these are "
-            f"depths in metres, say so: {SIGN_FLAGS}"
+            f"{path} is named after another quantity, and nothing in it describes the values. If these are depths in "
+            f"metres, add {SIGN_FLAGS}"
         )
 
 

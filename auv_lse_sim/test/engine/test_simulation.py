@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import socket
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -286,3 +288,25 @@ def test_a_lockstep_tick_reads_what_the_drivers_sent_before_it() -> None:
     finally:
         driver.close(sim.now_s, sim.now_s)
         sim.links.close()
+
+
+@pytest.mark.ros
+def test_a_mission_that_has_failed_for_want_of_answers_stays_failed() -> None:
+    pytest.importorskip("rclpy", reason="needs rclpy (scripts/test sets it up)")
+    from auv_lse_sim.engine.sim_node import SimNode
+
+    states: list[MissionState] = []
+    node = SimpleNamespace(_last_status=None)
+
+    def publish(state: MissionState, message: str) -> None:
+        states.append(state)
+        node._last_status = state, message
+
+    node._publish_status = publish
+    node._sim = SimpleNamespace(
+        state=MissionState.RUNNING, silence=lambda waited_s: f"{waited_s:.0f}" * (waited_s > 15)
+    )
+    for waited_s in (3.0, 16.0, 61.0, 77.0, 130.0):
+        node._waiting_since_s = time.monotonic() - waited_s
+        SimNode._watch(node)
+    assert states == [MissionState.RUNNING, MissionState.FAILED]

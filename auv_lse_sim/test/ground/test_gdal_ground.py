@@ -151,12 +151,26 @@ def test_the_band_of_depths_is_used_and_named(tmp_path):
         load_ground(tif(tmp_path / "h.tif", [uncertainty, uncertainty], names=["uncertainty", "slope"]))
 
 
-def test_a_file_named_after_another_quantity_is_refused(tmp_path):
+@pytest.mark.parametrize("name", ["depth (sound speed corrected)", "Depth from pressure", "meanDepth"])
+def test_depths_may_be_named_with_another_quantity(tmp_path, name):
+    file = tif(tmp_path / "g.tif", DEPTH - DEPTH.min(), names=[name])
+    assert "depth positive down" in load_ground(file).describe()
+    with pytest.raises(GroundError, match="none holds depths or elevations"):
+        load_ground(tif(tmp_path / "h.tif", DEPTH, names=["depth error"]))
+
+
+@pytest.mark.parametrize("name", ["Water_percentage", "currentSpeed", "WaterPercentage"])
+@pytest.mark.parametrize("band", ["", "Band 1"])
+def test_a_file_named_after_another_quantity_is_refused(tmp_path, name, band):
     share = np.clip(DEPTH, 0, 100)
-    with pytest.raises(GroundError, match=r"Water_percentage\.tif: its name is that of another quantity, .* --depths"):
-        load_ground(tif(tmp_path / "Water_percentage.tif", share))
-    assert load_ground(tif(tmp_path / "speed.tif", share, names=["depth"])).describe()
-    assert load_ground(tif(tmp_path / "bathymetry_mean_time.tif", share - share.min())).describe()
+    with pytest.raises(GroundError, match=rf"{name}\.tif is named after another quantity, .* add --depths"):
+        load_ground(tif(tmp_path / f"{name}.tif", share, names=[band]))
+
+
+@pytest.mark.parametrize("name", ["continental_slope_5m", "lake_high_quality", "bathymetry_mean_speed", "Time Lake"])
+def test_other_file_names_are_no_quantities(tmp_path, name):
+    assert load_ground(tif(tmp_path / f"{name}.tif", DEPTH - DEPTH.min())).describe()
+    assert load_ground(tif(tmp_path / "speed.tif", DEPTH - DEPTH.min(), names=["depth"])).describe()
 
 
 def test_a_picture_is_refused(tmp_path):

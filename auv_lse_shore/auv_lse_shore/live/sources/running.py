@@ -144,8 +144,8 @@ class MissionFollower:
         if found.run is not None or silent_s < _QUIET_S:
             return ""
         return (
-            f"ROS domain {found.domain}: nothing heard {reach(os.environ)} for {_QUIET_S:g} s or more. The vehicle is "
-            "under water, or its nodes or the network are down"
+            f"ROS domain {found.domain}: nothing heard {reach(os.environ)} for {_QUIET_S:g} s or more. Vehicles are "
+            "under water, or their nodes or the network are down"
         )
 
 
