@@ -252,7 +252,7 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
             {},
             {"vehicle": {"depth_m": 11.5}},
             "warning",
-            r"auv2: vehicle.depth_m 11.5 \+ vehicle.min_water_m 3 = 14.5 m of water are hardly .* below 14 m$",
+            r"auv2: vehicle.depth_m 11.5 \+ vehicle.min_water_m 3 = 14.5 m of water are barely .* below 14 m$",
         ),
         (
             {},
