@@ -466,7 +466,10 @@ def test_a_command_with_nothing_to_fly_or_a_damaged_results_file_is_refused(tmp_
 
 def test_the_command_names_an_unknown_ground() -> None:
     options = bench.parser().parse_args(["planners", "--only", "nowhere", "--planners", "line"])
-    with pytest.raises(ValueError, match="has no reporting ground nowhere"):
+    with pytest.raises(ValueError, match=r"has no reporting ground nowhere; it has [^.]*\.$"):
+        bench.run(options)
+    options = bench.parser().parse_args(["planners", "--only", "banks 1", "--planners", "line"])
+    with pytest.raises(ValueError, match=r"has no reporting ground banks 1; .* Add --role tuning\.$"):
         bench.run(options)
 
 

@@ -83,7 +83,9 @@ def read(
     unknown = sorted(set(only) - set(names))
     if unknown:
         kind = f"{role} ground" if role else "ground"
-        raise ValueError(f"{manifest} has no {kind} {', '.join(unknown)}; it has {', '.join(names) or 'none'}.")
+        roles = {str(entry.get("role")) for entry in listed if str(entry.get("name")) in unknown}
+        cure = f" Add --role {roles.pop()}." if len(roles) == 1 else ""
+        raise ValueError(f"{manifest} has no {kind} {', '.join(unknown)}; it has {', '.join(names) or 'none'}.{cure}")
     found = []
     for entry in wanted:
         if only and str(entry.get("name")) not in only:
