@@ -60,9 +60,8 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
     if len(areas) > 1 or (not areas and len(lines) > 1):
         names = listed_names([f.name or "without a name" for f in areas or lines])
         what = f"{len(areas or lines)} {'polygons' if areas else 'lines'}"
-        raise ParameterError(
-            f"{where}: {what} may be the operating area: {names}. {NAMING}{_if_islands(areas or lines)}"
-        )
+        cure = _if_islands(areas or lines) or _if_parts(areas, where)
+        raise ParameterError(f"{where}: {what} may be the operating area: {names}. {NAMING}{cure}")
     if areas:
         content.ignored += [f.name or _kind(f) for f in lines if len(lines) > 1 or f.line is not areas[0].line]
         content.area, content.area_name = _checked(areas[0].rings[0], areas[0], where), areas[0].name
@@ -80,6 +79,13 @@ def _if_islands(features: Sequence[Feature]) -> str:
     if not all(ring is around or (ring is not None and _covers(around, ring)) for ring in rings):
         return ""
     return ". If the largest is a lake and the others are islands, name those so, or give them the property role: no-go"
+
+
+def _if_parts(areas: Sequence[Feature], where: str) -> str:
+    """What to do if polygons are the parts of one feature, which share its name; "" if they have names of their own."""
+    if not areas or len({feature.name for feature in areas}) > 1:
+        return ""
+    return f". If they are the parts of one feature, split it: ogr2ogr -explodecollections parts.geojson {where}"
 
 
 def _nothing_usable(content: AreaContent, where: str) -> str:

@@ -347,6 +347,10 @@ def test_a_lake_with_its_islands_as_features_says_how_to_mark_them(tmp_path):
         read(tmp_path, file(square(0.0, 0.02), *(square(*island) for island in islands)), "a.geojson")
     with pytest.raises(ParameterError, match=r"2 polygons may be the operating area: .* or remove it$"):
         read(tmp_path, file(square(0.0, 0.001), square(0.002, 0.003)), "a.geojson")
+    parts = [square(*span)["geometry"]["coordinates"] for span in ((0.0, 0.001), (0.002, 0.003))]
+    both = {"type": "Feature", "properties": {}, "geometry": {"type": "MultiPolygon", "coordinates": parts}}
+    with pytest.raises(ParameterError, match=r"2 x 'feature 1'\. .* parts of one feature, split it: ogr2ogr -explode"):
+        read(tmp_path, file(both), "a.geojson")
     marked = read(tmp_path, file(square(0.0, 0.02), *(square(*i, "no-go") for i in islands)), "a.geojson")
     assert len(marked.no_go) == 12
     (note,) = notes_on(tmp_path / "a.geojson", marked, 1)

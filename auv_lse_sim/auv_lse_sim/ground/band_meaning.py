@@ -36,12 +36,14 @@ class Meaning:
         unit_m: Metres per unit.
         notes: How the values were read, for `describe`.
         is_undescribed: Whether neither a name nor a unit nor a scale describes them.
+        has_unit: Whether their unit is stated; otherwise they are taken as metres.
     """
 
     up: bool | None = None
     unit_m: float = 1.0
     name: str = "values"
     is_undescribed: bool = True
+    has_unit: bool = False
     notes: tuple[str, ...] = ()
 
 
@@ -123,4 +125,6 @@ def meaning(
     names = [texts.get(key, "") for key in ("description", "name", "long_name")]
     name = next((one for one in names if one and not _NUMBERED.fullmatch(one)), "values")
     up = next((one for one in said if one is not None), None)
-    return Meaning(up=up, unit_m=unit_m, name=name, is_undescribed=up is None and not unit and name == "values")
+    is_undescribed = up is None and not unit and name == "values"
+    has_unit = bool(named) or vertical is not None
+    return Meaning(up=up, unit_m=unit_m, name=name, is_undescribed=is_undescribed, has_unit=has_unit)

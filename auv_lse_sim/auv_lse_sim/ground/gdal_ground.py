@@ -221,6 +221,8 @@ def _ground(
         y, values = y[::-1], values[::-1]
     if x[0] > x[-1]:
         x, values = x[::-1], values[:, ::-1]
+    if not said.has_unit and data.crs and data.crs.is_projected and "foot" in data.crs.linear_units.lower():
+        notes.append(f"values without a unit taken as metres, though coordinates are in {data.crs.linear_units}")
     return raster_ground(path, x, y, values, crs, config, origin, replace(said, notes=tuple(notes)))
 
 

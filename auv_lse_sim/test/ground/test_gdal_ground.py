@@ -173,6 +173,12 @@ def test_other_file_names_are_no_quantities(tmp_path, name):
     assert load_ground(tif(tmp_path / "speed.tif", DEPTH - DEPTH.min(), names=["depth"])).describe()
 
 
+@pytest.mark.parametrize(("unit", "shown"), [("", True), ("m", False), ("US survey foot", False)])
+def test_values_without_a_unit_beside_coordinates_in_feet_are_noted(tmp_path, unit, shown):
+    described = load_ground(tif(tmp_path / "g.tif", DEPTH - DEPTH.min(), crs="EPSG:2263", unit=unit)).describe()
+    assert ("values without a unit taken as metres, though coordinates are in US survey foot" in described) is shown
+
+
 def test_a_picture_is_refused(tmp_path):
     shade = np.clip(DEPTH * 8.0, 0, 255).astype("uint8")
     with pytest.raises(GroundError, match="is a picture"):
