@@ -429,6 +429,8 @@ def test_projected_metres_in_the_system_that_a_column_names(tmp_path, header, ce
         (",zone", ",32", "Zone 32 may be north or south: --crs EPSG:32632 or --crs EPSG:32732"),
         (",zone", ",32S", "Zone 32S may be north or south"),
         (",zone", ",harbour", "such as --crs EPSG:32632"),
+        (",zone", ",32C", "such as --crs EPSG:32632"),
+        (",zone", ",3A", "such as --crs EPSG:32632"),
         (",zone", ",77N", "such as --crs EPSG:32632"),
         (",epsg", ",99999", "EPSG:99999 of column epsg is not a coordinate system"),
     ],

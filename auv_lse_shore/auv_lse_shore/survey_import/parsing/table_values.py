@@ -249,7 +249,8 @@ def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple
             content.notes.append("x, y taken as metres: as degrees they would be hundreds of kilometres apart")
     given, positions, known = positions, *(_in_units_of(table, (north, east), rows, 1.0) for rows in (positions, known))
     if len(known) and np.abs(np.median(known, axis=0)).max() > FAR_M:
-        stated, middle = stated_crs(table), np.median(known, axis=0)
+        middle = np.median(known, axis=0)
+        stated = stated_crs(table, float(middle[0]))
         if stated.crs:
             content.notes.append(f"positions in {stated.crs}, by column {stated.names}")
             where = f"{table.path}: {stated.crs} of column {stated.names}"
