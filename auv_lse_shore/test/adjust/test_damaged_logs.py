@@ -171,7 +171,7 @@ def soundings_of(path, data):
     return log.soundings
 
 
-@pytest.mark.parametrize("first", ["nr, #ROW", "LASF"])
+@pytest.mark.parametrize("first", ["nr, #ROW", "LASF", "nr of <gpx"])
 def test_a_table_that_begins_like_the_file_of_another_program_is_read(tmp_path, first):
     path = tmp_path / "table.csv"
     rows = [f"{i},{46.5 + 1e-5 * i:.6f},6.6,{3.0 + 0.1 * i:.2f},{1718000000 + i}" for i in range(40)]

@@ -139,7 +139,7 @@ def test_the_prior_does_not_depend_on_which_spikes_were_drawn() -> None:
     depth[rng.choice(8000, 80, replace=False)] += rng.normal(0.0, 4.0, 80)
     points = np.column_stack([north, east, depth])
     first, second = (_learned(rows, LEAST_NOISE_M) for rows in (points, points[rng.permutation(8000)]))
-    for name in ("length_scale_m", "signal_std_m", "noise_std_m"):
+    for name in ("length_scale_m", "signal_std_m", "noise_std_m"):  # with one draw of 300 they differed by 4 times
         assert first[name] == pytest.approx(second[name], rel=0.1)
     assert first["noise_std_m"] == pytest.approx(math.hypot(0.05, math.sqrt(0.01) * 4.0), rel=0.25)
 

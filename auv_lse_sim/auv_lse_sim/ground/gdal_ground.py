@@ -385,9 +385,7 @@ def _band(data: Any, path: Path) -> tuple[int, list[str]]:
     named = [k for k in fit if is_elevation(names[k - 1]) is not None] or fit
     if not named:
         shown = ", ".join(name[:40] for name in names[:30])
-        raise GroundError(
-            f"{path}: its bands are {shown}; none holds depths or elevations. Name one depth or elevation if it does"
-        )
+        raise GroundError(f"{path}: its bands are {shown}; none holds depths or elevations. If one does, name it depth")
     if data.count == 1:
         return named[0], []
     return named[0], [f"band {named[0]} of {data.count}{f' ({names[named[0] - 1]})' if names[named[0] - 1] else ''}"]

@@ -21,8 +21,8 @@ _AT_ONCE = 1 << 20
 
 
 def recognizes(file: LogFile) -> bool:
-    """Whether it is GPX."""
-    return b"<gpx" in file.head[:4096]
+    """Whether it is GPX: a table may mention it, but not in a line of markup."""
+    return any(b"<gpx" in line and line.strip(b"\xef\xbb\xbf \t")[:1] == b"<" for line in file.head[:4096].splitlines())
 
 
 def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
