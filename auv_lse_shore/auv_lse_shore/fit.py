@@ -21,6 +21,7 @@ from auv_lse_common.support.plurals import counted
 from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_gp.soundings import read_soundings_and_origin
+from auv_lse_gp.thinning import soundings_to_fit
 from auv_lse_record.recording import Recording, recording_in
 
 _UNITS = {"mean_slope_north": "m/m", "mean_slope_east": "m/m", "rotation_deg": "deg"}
@@ -183,9 +184,12 @@ def _fitted(options: argparse.Namespace) -> tuple[list[Fit], Array, str]:
         if options.mean == "plane":  # mean_depth_m is the plane's depth at the origin
             where += "; the plane holds for a mission with that area.origin_lat_deg, area.origin_lon_deg"
         print(where)
-    if len(soundings) > options.points:
-        print(f"using {options.points} of {len(soundings)} soundings, drawn at random (--points, --seed)")
-    soundings = soundings[np.random.default_rng(options.seed).permutation(len(soundings))[: options.points]]
+    count = len(soundings)
+    soundings, apart = soundings_to_fit(soundings, options.points, options.seed)
+    if apart < count:
+        print(f"{apart} of {count} soundings lie apart; of those at the same place one counts")
+    if len(soundings) < apart:
+        print(f"using {len(soundings)} of {apart} soundings, drawn at random (--points, --seed)")
     results = [
         fit(
             soundings[:, :2],

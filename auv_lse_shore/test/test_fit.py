@@ -151,6 +151,21 @@ def test_command_writes_a_parameter_file_for_a_mission(tmp_path, capsys):
     assert "wendland_c2" in capsys.readouterr().out
 
 
+def test_a_boat_at_its_pier_does_not_decide_the_noise(tmp_path, capsys):
+    """A third of the soundings is from one place, before and after the launch."""
+    rng, source = np.random.default_rng(4), tmp_path / "lake.csv"
+    truth = GpConfig(signal_std_m=2.0, length_scale_m=60.0, noise_std_m=0.1, mean_depth_m=10.0)
+    positions, depths = drawn(truth, n=400, seed=1)
+    pier = positions[0] + rng.normal(0.0, 0.3, (200, 2))
+    rests = depths[0] - 3.0 * (np.arange(200) < 60) + rng.normal(0.0, 0.1, 200)
+    write_csv(source, np.vstack([pier, positions]), np.concatenate([rests, depths]))
+    assert main([str(source), "--restarts", "2", "--out", str(tmp_path / "gp.yaml")]) == 0
+    assert "of those at the same place one counts" in capsys.readouterr().out
+    found = section(GpConfig, parameters_for(read_parameter_file(tmp_path / "gp.yaml"), "/auv1/gp_node"), "gp", "")
+    assert found.length_scale_m == pytest.approx(60.0, rel=0.3)
+    assert found.noise_std_m < 0.4  # with all soundings 0.9, and 83 m
+
+
 def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys):
     source, out = tmp_path / "lake.csv", tmp_path / "gp.yaml"
     positions, depths = drawn(GpConfig(signal_std_m=5.0, length_scale_m=60.0), n=100)

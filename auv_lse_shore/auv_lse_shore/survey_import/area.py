@@ -9,8 +9,9 @@ import numpy as np
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameters import from_mapping
 from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_common.support.arrays import Array, Ints
+from auv_lse_common.support.arrays import Array
 from auv_lse_common.support.missing_packages import missing
+from auv_lse_gp.thinning import one_of_each_cell
 
 #: The area ends this far (m) from the outermost soundings.
 MARGIN_M = 25.0
@@ -123,14 +124,6 @@ def surveyed_area(locations_m: Array, length_scale_m: float) -> SurveyedArea:
         area_m2=float(simple.area - sum(void.area for void in voids)),
         others=tuple(float(other.area) for other in pieces[1:]),
     )
-
-
-def one_of_each_cell(positions_m: Array, cell_m: float) -> Ints:
-    """Numbers of the first position in each square cell that has any."""
-    cells = np.floor(positions_m / cell_m).astype(np.int64)
-    cells -= cells.min(axis=0)
-    first: Ints = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_index=True)[1]
-    return first
 
 
 def _flat(corners: Array) -> list[float]:

@@ -16,9 +16,10 @@ from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.likelihood import TREND_EXTENTS, fit
+from auv_lse_gp.thinning import one_of_each_cell, soundings_to_fit
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_record.run_writer import write_mission_file, write_run
-from auv_lse_shore.survey_import.area import SurveyedArea, one_of_each_cell, surveyed_area
+from auv_lse_shore.survey_import.area import SurveyedArea, surveyed_area
 from auv_lse_shore.survey_import.picture import draw_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.team import FIX_EVERY_S
@@ -109,7 +110,7 @@ def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
     """
     extent_m = float(np.ptp(points[:, :2], axis=0).max())
     mean_m = float(points[one_of_each_cell(points[:, :2], extent_m / MEAN_CELLS or 1.0), 2].mean())
-    drawn = points[np.random.default_rng(0).permutation(len(points))[:FITTED]]
+    drawn, _ = soundings_to_fit(points, FITTED)
     try:
         fitted = fit(drawn[:, :2], drawn[:, 2], mean_depth_m=mean_m, max_extents=TREND_EXTENTS, restarts=STARTS)
     except ValueError as error:

@@ -18,6 +18,8 @@ from auv_lse_shore.survey_import.track import PlacedLog
 SOUNDINGS, DIVE, PICTURE = "soundings.csv", "dive.yaml", "survey.png"
 #: Size (m2) from which sounded ground apart from the area is worth a line.
 _WORTH_M2 = 2_500.0
+#: A survey extends over at least this many standard deviations of its positions.
+_LEAST_EXTENT = 10.0
 
 
 def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
@@ -59,9 +61,11 @@ def survey_lines(run: RunData, area: SurveyedArea) -> list[str]:
             f"positions of soundings: standard deviation {np.median(known):.1f} m (largest {known.max():.1f} m), with "
             "the sounder's delay and the positions' spacing"
         )
+        if float(np.ptp(points[:, :2], axis=0).max()) < _LEAST_EXTENT * float(np.median(known)):
+            lines.append("the boat hardly moved: the prior describes its sounder and not the ground. Take a longer log")
     lines += [
-        f"prior: mean {gp['mean_depth_m']:.1f} m, standard deviation {gp['signal_std_m']:.1f} m, length scale "
-        f"{gp['length_scale_m']:.0f} m, noise {gp['noise_std_m']:.2f} m",
+        f"prior: mean {gp['mean_depth_m']:.1f} m, standard deviation {gp['signal_std_m']:.2g} m, length scale "
+        f"{gp['length_scale_m']:.3g} m, noise {gp['noise_std_m']:.2f} m",
         f"isobath {level['level_m']:g} m in an area of {len(area.polygon)} corners, {area.area_m2 / 1e4:.1f} ha",
     ]
     if area.no_go:

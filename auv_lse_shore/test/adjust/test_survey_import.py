@@ -144,6 +144,18 @@ def test_the_prior_does_not_depend_on_which_spikes_were_drawn() -> None:
     assert first["noise_std_m"] == pytest.approx(math.hypot(0.05, math.sqrt(0.01) * 4.0), rel=0.25)
 
 
+@pytest.mark.parametrize("span_m", [3.0, 300.0])
+def test_the_log_of_a_boat_at_anchor_is_no_survey(tmp_path, capsys, span_m):
+    rng = np.random.default_rng(2)
+    lat, lon = geodetic_from_local(np.linspace(0.0, span_m, 200), rng.uniform(0.0, 1.0, 200), *ORIGIN)
+    rows = np.column_stack([START_S + np.arange(200), lat, lon, rng.normal(5.0, 0.1, 200)])
+    (tmp_path / "a.csv").write_text(table(rows))
+    assert main([str(tmp_path / "a.csv"), "--out", str(tmp_path / "run"), "--position-std", "1.5"]) == 0
+    text = capsys.readouterr().out
+    assert ("the boat hardly moved" in text) == (span_m < 15.0)
+    assert "length scale 0 m" not in text
+
+
 def test_a_survey_can_be_adjusted_and_gives_a_prior(tmp_path):
     path, run = written(tmp_path, "a.nmea"), tmp_path / "run"
     assert main([str(path), "--out", str(run), *DRAUGHT]) == 0
